@@ -1,0 +1,78 @@
+# One command each, from a fresh clone. Needs Python 3.11 or 3.12 and a C++ compiler; ROS 2 Jazzy and
+# everything else comes from PyPI into .venv/. With a ROS installation, colcon does this job instead.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+# Used when .venv is made; to change it later, `make clean` first.
+PYTHON ?= python3
+VENV := .venv
+EXTRAS := ros,interfaces,sim,report,test,dev
+
+# The environment is whole and stands on its own. What a sourced ROS or another environment exports
+# would put other versions of the same libraries in front of it.
+unexport AMENT_CURRENT_PREFIX AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PKG_CONFIG_PATH
+unexport PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION ROS_DISTRO ROS_PYTHON_VERSION ROS_VERSION
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+# The ROS wheels restart every Python that starts, to extend LD_LIBRARY_PATH, unless this is set. pip
+# and the compilers that it calls are better off without.
+PIP := _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 $(VENV)/bin/python -m pip
+
+# Each step leaves a stamp inside the environment when it has come to its end, so that a step that
+# failed or was interrupted is done again, and a new environment starts from the first.
+CREATED := $(VENV)/.created
+PACKAGES := $(VENV)/.packages
+INTERFACES := $(VENV)/.interfaces
+INTERFACE_FILES := $(shell find interfaces -type f)
+
+.PHONY: help setup demo test check constraints clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
+
+setup: $(INTERFACES)  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
+
+demo: setup  ## 15 practice trials of the simulated arm
+	$(VENV)/bin/tel practice config/paper.yaml
+
+test: setup  ## all tests
+	$(VENV)/bin/python -m pytest
+
+check: setup  ## linters and types
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+# An environment names its folder in many places: one that was copied or moved is made anew.
+ifneq ($(shell test -x $(VENV)/bin/python && cat $(CREATED) 2>/dev/null),$(CURDIR))
+.PHONY: $(CREATED)
+endif
+$(CREATED):
+	@tools/create_venv.sh "$(PYTHON)" $(VENV)
+	@echo "$(CURDIR)" > $@
+
+# Where there is no wheel (PyBullet on Python 3.12) pip builds from source. Without build isolation it
+# builds with the pinned tools, and PyBullet finds the NumPy that it will be used with.
+$(PACKAGES): $(CREATED) setup.py constraints.txt
+	@echo "Installing packages into $(VENV) (a few minutes the first time)"
+	@$(PIP) install --quiet --constraint constraints.txt setuptools wheel numpy
+	@$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(EXTRAS)]'
+	@touch $@
+
+$(INTERFACES): $(PACKAGES) $(INTERFACE_FILES) tools/build_interfaces.sh tools/wheel_include_paths.cmake
+	@echo "Building tel_interfaces"
+	@tools/build_interfaces.sh $(VENV)
+	@touch $@
+
+constraints:  ## the newest versions of everything, into constraints.txt
+	$(PYTHON) tools/refresh_constraints.py $(EXTRAS)
+
+clean:  ## remove everything that was built, but no bags
+	rm -rf $(VENV) build install log .pytest_cache .mypy_cache .ruff_cache *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

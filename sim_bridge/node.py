@@ -1,0 +1,155 @@
+"""The simulated arm behind the topics of a stock ros2_control set-up, and nothing more."""
+
+from __future__ import annotations
+
+import time
+from array import array
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from sim_bridge.arm import CommandError, SimulatedArm
+from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import answered_stamp_ns
+from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.runner import run_node
+from tel_ros.recording import topics
+
+REPEAT_PERIOD_S = 0.05
+REST_SPEED_RAD_S = 0.05
+COMPLAINT_PERIOD_S = 1.0
+
+
+class SimBridgeNode(Node):
+    """Publishes joint states and takes effort commands.
+
+    ``realtime``: one period passes for every period of the wall clock, with the newest command.
+
+    ``lockstep``: one period passes for every command that answers the newest state; the state is repeated
+    until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
+    this counts as silence.
+
+    On silence the effort goes to zero and the arm coasts, in both.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("sim_bridge")
+        config = load_parameters(self, "arm", "control", "sim", "seed")
+        self._sim = config.sim
+        self._lockstep = config.sim.clock == "lockstep"
+        self._period_s = 1.0 / config.control.rate_hz
+        self._arm = SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed)
+        self._start_ns = 0 if self._lockstep else self.get_clock().now().nanoseconds
+        self._message = JointState(name=list(config.arm.joints))
+        self._command: array[float] | None = None
+        self._silent_periods = 0
+        self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
+        self._stepped_at = time.monotonic()
+        self._coasting = False
+
+        self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
+        self.create_subscription(
+            Float64MultiArray,
+            topics.EFFORT_COMMANDS,
+            self._on_command_in_lockstep if self._lockstep else self._on_command,
+            qos.NEWEST,
+        )
+        if self._lockstep:
+            self.create_timer(REPEAT_PERIOD_S, self._repeat)
+            self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
+        else:
+            self.create_timer(self._period_s, self._pass_period)
+        self._publish()
+
+    def destroy_node(self) -> None:
+        """End the simulation, then go."""
+        self._arm.close()
+        super().destroy_node()
+
+    def _publish(self) -> None:
+        reading = self._arm.reading()
+        message = self._message
+        self._stamp_ns = self._start_ns + reading.time_ns
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self._stamp_ns, NS_PER_S)
+        message.position = array("d", reading.position_rad)
+        message.velocity = array("d", reading.velocity_rad_s)
+        message.effort = array("d", reading.effort_nm)
+        self._states.publish(message)
+
+    def _step(self, command_nm: array[float]) -> bool:
+        """Let one period pass with a command; a command that cannot be used is ignored."""
+        try:
+            self._arm.step(command_nm)
+        except CommandError as error:
+            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
+            return False
+        return True
+
+    def _fall_silent(self, silence_s: float) -> None:
+        self.get_logger().error(f"no effort command for {silence_s:.3f} s: effort is zero, the arm coasts")
+
+    # In real time.
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        if self._silent_periods >= self._watchdog_periods:
+            self.get_logger().info("effort commands arrive")
+        self._command, self._silent_periods = message.data, 0
+
+    def _pass_period(self) -> None:
+        if self._command is None:
+            self._arm.coast()
+        else:
+            self._silent_periods += 1
+            if self._silent_periods >= self._watchdog_periods:
+                self._fall_silent(self._sim.watchdog_s)
+                self._command = None
+                self._arm.coast()
+            elif not self._step(self._command):
+                self._arm.coast()
+        self._publish()
+
+    # In lockstep.
+
+    def _on_command_in_lockstep(self, message: Float64MultiArray) -> None:
+        answered_ns = answered_stamp_ns(message)
+        if answered_ns is not None and answered_ns != self._stamp_ns:
+            return  # the answer to a repetition of a state that has been answered before
+        if not self._step(message.data):
+            return
+        if self._coasting:
+            self.get_logger().info("effort commands arrive")
+            self._coasting = False
+            self._coast_timer.cancel()
+        self._stepped_at = time.monotonic()
+        self._publish()
+
+    def _repeat(self) -> None:
+        silence_s = time.monotonic() - self._stepped_at
+        if self._coasting or silence_s < REPEAT_PERIOD_S:
+            return
+        if silence_s > self._sim.lockstep_timeout_s and not self._arm.at_rest(REST_SPEED_RAD_S):
+            self._fall_silent(silence_s)
+            self._coasting = True
+            self._coast_timer.reset()
+            return
+        self._publish()
+
+    def _coast(self) -> None:
+        self._arm.coast()
+        self._publish()
+        if self._arm.at_rest(REST_SPEED_RAD_S):
+            self.get_logger().info("the arm has come to rest")
+            self._coasting = False
+            self._coast_timer.cancel()
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(SimBridgeNode)
+
+
+if __name__ == "__main__":
+    main()

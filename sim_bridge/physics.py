@@ -1,0 +1,210 @@
+"""PyBullet without its surprises: one arm, the torques that it is given, and nothing else that acts."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pybullet
+
+from sim_bridge.description import PAYLOAD_LINK, ArmDescription
+from sim_bridge.quiet import stdout_to_stderr
+from tel_ros.core.config import JointValues, SimConfig
+from tel_ros.core.errors import ConfigError, InputFileError, TelError
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+# PyBullet stops a joint at 100 rad/s without a word. Without a limit a simulation that diverges can be told.
+SPEED_CLAMP_RAD_S = math.inf
+
+# With PyBullet's defaults (50, 1e-7) the solver stops while the torque on a joint that dry friction holds is
+# still up to 7 N·m wrong, if another joint slides. With these it is right to 1e-8 N·m, and no slower.
+SOLVER_ITERATIONS = 200
+SOLVER_RESIDUAL = 1e-24
+
+CLOSED = "the simulated arm was closed; make a new one"
+
+
+class SimulationError(TelError):
+    """The simulation cannot go on: it was closed, or its state is no longer finite."""
+
+
+class ArmPhysics:
+    """An arm on a fixed base, advanced in physics steps (semi-implicit Euler).
+
+    Viscous friction is -b q̇ at the start of each step. Dry friction is a motor without speed and with
+    limited torque: the solver finds the torque within ±c that stops the joint, so that a joint sticks for
+    real and slides with exactly c against it, without chatter. The ends of a joint's range are hard stops.
+    Gravity acts along -z of the base. Links do not collide.
+
+    Args:
+        description: the arm.
+        sim: step, inertia, payload and display.
+        viscous_nms_per_rad: b, one value a joint.
+        coulomb_nm: c, one value a joint.
+
+    Raises:
+        InputFileError: the URDF describes something that cannot be simulated.
+        ConfigError: a window is wanted where there is no display.
+    """
+
+    def __init__(
+        self,
+        description: ArmDescription,
+        sim: SimConfig,
+        viscous_nms_per_rad: JointValues,
+        coulomb_nm: JointValues,
+    ) -> None:
+        _check_display(sim.gui)
+        with stdout_to_stderr():
+            self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
+            try:
+                self._body = _load(description, sim, self._client)
+                self._joints = self._joint_indices(description.joints)
+                self._switch_off_defaults(1.0 / sim.physics_rate_hz)
+                self._set_friction(viscous_nms_per_rad, coulomb_nm)
+                self._check_inertia(description, sim.inertia_scale)
+            except BaseException:
+                self.close()
+                raise
+
+    def close(self) -> None:
+        """End the simulation. A second time does nothing."""
+        if self._client >= 0 and pybullet.isConnected(self._client):
+            with stdout_to_stderr():
+                pybullet.disconnect(self._client)
+        # PyBullet gives the number of a closed simulation to the next one.
+        self._client = -1
+
+    def advance(self, effort_nm: JointValues, n_steps: int) -> None:
+        """Let ``n_steps`` physics steps pass under constant torques.
+
+        Raises:
+            SimulationError: the simulation was closed.
+        """
+        body, joints, client = self._body, self._joints, self._client
+        try:
+            for _ in range(n_steps):
+                # PyBullet forgets a torque after each physics step.
+                pybullet.setJointMotorControlArray(
+                    body, joints, pybullet.TORQUE_CONTROL, forces=effort_nm, physicsClientId=client
+                )
+                pybullet.stepSimulation(physicsClientId=client)
+        except pybullet.error as error:
+            raise SimulationError(CLOSED) from error
+
+    def state(self) -> tuple[JointValues, JointValues]:
+        """Return the positions in rad and the velocities in rad/s of all joints."""
+        states = pybullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        return tuple(state[0] for state in states), tuple(state[1] for state in states)
+
+    def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+        """Put the joints there, moving so.
+
+        Raises:
+            SimulationError: the simulation was closed.
+        """
+        try:
+            for joint, position, velocity in zip(self._joints, position_rad, velocity_rad_s, strict=True):
+                pybullet.resetJointState(self._body, joint, position, velocity, physicsClientId=self._client)
+        except pybullet.error as error:
+            raise SimulationError(CLOSED) from error
+
+    def _n_links(self) -> int:
+        return int(pybullet.getNumJoints(self._body, physicsClientId=self._client))
+
+    def _joint_indices(self, names: Sequence[str]) -> list[int]:
+        index = {}
+        for i in range(self._n_links()):
+            index[pybullet.getJointInfo(self._body, i, physicsClientId=self._client)[1].decode()] = i
+        return [index[name] for name in names]
+
+    def _switch_off_defaults(self, timestep_s: float) -> None:
+        """Leave nothing that neither the URDF nor the configuration asks for."""
+        client = self._client
+        pybullet.setTimeStep(timestep_s, physicsClientId=client)
+        pybullet.setGravity(0.0, 0.0, -STANDARD_GRAVITY_M_S2, physicsClientId=client)
+        pybullet.setPhysicsEngineParameter(
+            numSolverIterations=SOLVER_ITERATIONS,
+            solverResidualThreshold=SOLVER_RESIDUAL,
+            physicsClientId=client,
+        )
+        # -1 is the base, where PyBullet keeps these numbers for the whole arm.
+        pybullet.changeDynamics(
+            self._body,
+            -1,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            maxJointVelocity=SPEED_CLAMP_RAD_S,
+            physicsClientId=client,
+        )
+
+    def _set_friction(self, viscous_nms_per_rad: JointValues, coulomb_nm: JointValues) -> None:
+        for joint, viscous in zip(self._joints, viscous_nms_per_rad, strict=True):
+            pybullet.changeDynamics(self._body, joint, jointDamping=viscous, physicsClientId=self._client)
+        # Unless told otherwise PyBullet brakes every joint with a motor. Limited to c it is dry friction.
+        pybullet.setJointMotorControlArray(
+            self._body,
+            self._joints,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=[0.0] * len(self._joints),
+            forces=coulomb_nm,
+            physicsClientId=self._client,
+        )
+
+    def _check_inertia(self, description: ArmDescription, inertia_scale: float) -> None:
+        """Refuse an inertia that PyBullet silently replaced, and joints that nothing resists."""
+        for i in range(self._n_links()):
+            link = pybullet.getJointInfo(self._body, i, physicsClientId=self._client)[12].decode()
+            if link == PAYLOAD_LINK:
+                continue
+            moments = pybullet.getDynamicsInfo(self._body, i, physicsClientId=self._client)[2]
+            # The sum of the principal moments does not depend on the axes that PyBullet chose.
+            expected_kgm2 = inertia_scale * description.link_inertia_trace_kgm2(link)
+            if not math.isclose(sum(moments), expected_kgm2, rel_tol=1e-6):
+                raise InputFileError(
+                    description.path,
+                    f"link {link!r} has an <inertia> that no body has",
+                    "principal moments of at least 0, none above the sum of the two others",
+                )
+        mass_matrix = np.array(
+            pybullet.calculateMassMatrix(self._body, [0.0] * len(self._joints), physicsClientId=self._client)
+        )
+        if not np.all(np.linalg.eigvalsh(mass_matrix) > 1e-12 * np.trace(mass_matrix)):
+            raise InputFileError(
+                description.path,
+                "it has a joint that moves neither mass nor inertia",
+                "an <inertial> with mass in the links that move",
+            )
+
+
+def _check_display(gui: bool) -> None:
+    # Without a display PyBullet ends the whole process.
+    if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise ConfigError("sim.gui", gui, "false, since there is no display (DISPLAY is not set)")
+
+
+def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
+    text = description.for_simulation(
+        inertia_scale=sim.inertia_scale, payload_kg=sim.payload_kg, visuals=sim.gui
+    )
+    with tempfile.TemporaryDirectory(prefix="tel_ros_") as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(text, encoding="utf-8")
+        try:
+            return int(
+                pybullet.loadURDF(
+                    str(path),
+                    useFixedBase=True,
+                    # Without it PyBullet makes up the inertia from the shape.
+                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+                    physicsClientId=client,
+                )
+            )
+        except pybullet.error as error:
+            raise InputFileError(description.path, f"PyBullet refuses it ({error})", "a URDF file") from error

@@ -1,0 +1,94 @@
+"""What the encoders of the simulated arm report, and the velocity that a drive makes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tel_ros.core.config import JointValues
+
+
+class JointSensors:
+    """Encoders with seeded white noise, and the velocity estimate of a simple drive.
+
+    A position reading is the true angle plus noise, rounded to the nearest encoder step of 2π / 2^bits. A
+    velocity reading is the difference of two successive position readings over the time between them, through
+    a first-order low-pass: it is late by half a period plus the filter's time constant 1 / (2π f), and as
+    coarse as the encoder makes it. With exact encoders and no noise there is nothing to estimate: the true
+    velocity is read, without filter.
+
+    Args:
+        n_joints: number of joints.
+        period_s: time between readings.
+        encoder_bits: resolution of a revolution; 0: exact.
+        noise_rad: standard deviation of the noise on each position reading.
+        velocity_filter_hz: corner frequency f of the low-pass; 0: no filter.
+        seed: of the noise. Equal seeds give equal noise.
+    """
+
+    def __init__(
+        self,
+        n_joints: int,
+        *,
+        period_s: float,
+        encoder_bits: int,
+        noise_rad: float,
+        velocity_filter_hz: float,
+        seed: int,
+    ) -> None:
+        self._n_joints = n_joints
+        self._period_s = period_s
+        self._step_rad = 2.0 * math.pi / 2**encoder_bits if encoder_bits else 0.0
+        self._noise_rad = noise_rad
+        self._exact = encoder_bits == 0 and noise_rad == 0.0
+        # The share of the newest difference in the estimate: the first-order low-pass solved exactly for an
+        # input that is constant over a period, so that it is stable for every corner frequency.
+        self._newest_share = (
+            1.0 - math.exp(-2.0 * math.pi * velocity_filter_hz * period_s) if velocity_filter_hz else 1.0
+        )
+        self._rng = np.random.default_rng(seed)
+        self._position_rad: JointValues = (0.0,) * n_joints
+        self._velocity_rad_s: JointValues = (0.0,) * n_joints
+
+    def start(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+        """Begin anew with an arm that has moved with ``velocity_rad_s`` for a while.
+
+        Without this the jump to the first position would look like a very fast movement.
+        """
+        self._position_rad = self._measured_position(position_rad)
+        self._velocity_rad_s = tuple(velocity_rad_s)
+
+    def update(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+        """Take the next reading of an arm with this true state. To be called once a period."""
+        measured_rad = self._measured_position(position_rad)
+        if self._exact:
+            self._velocity_rad_s = tuple(velocity_rad_s)
+        else:
+            self._velocity_rad_s = tuple(
+                old + self._newest_share * ((now - before) / self._period_s - old)
+                for old, now, before in zip(
+                    self._velocity_rad_s, measured_rad, self._position_rad, strict=True
+                )
+            )
+        self._position_rad = measured_rad
+
+    @property
+    def position_rad(self) -> JointValues:
+        """The position of the last reading."""
+        return self._position_rad
+
+    @property
+    def velocity_rad_s(self) -> JointValues:
+        """The velocity of the last reading."""
+        return self._velocity_rad_s
+
+    def _measured_position(self, position_rad: Sequence[float]) -> JointValues:
+        values = position_rad
+        if self._noise_rad:
+            noise_rad = self._rng.normal(0.0, self._noise_rad, self._n_joints).tolist()
+            values = [value + error for value, error in zip(values, noise_rad, strict=True)]
+        if self._step_rad:
+            values = [round(value / self._step_rad) * self._step_rad for value in values]
+        return tuple(values)

@@ -1,0 +1,1 @@
+"""The command line: bring-up, practice runs and reports."""

@@ -1,0 +1,137 @@
+"""Starting one process a node, watching them, and ending them in good order."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import psutil
+
+from tel_ros.app.errors import NodeDiedError
+from tel_ros.core.config import Config
+
+MODULES = {
+    "sim_bridge": "sim_bridge.node",
+    "inverse_dynamics": "tel_ros.nodes.inverse_dynamics",
+    "trial_recorder": "tel_ros.nodes.trial_recorder",
+    "ep_controller": "tel_ros.nodes.ep_controller",
+    "practice_manager": "tel_ros.nodes.practice_manager",
+}
+"""The nodes, in the order in which they start; they end in the opposite order, the arm last."""
+
+_END_TIMEOUT_S = 8.0
+_LOG_LINES = 5
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
+
+
+def node_names(config: Config) -> list[str]:
+    """Return the nodes that a run of this configuration starts."""
+    return [name for name in MODULES if name != "sim_bridge" or config.run.arm == "sim"]
+
+
+class NodeProcesses:
+    """The processes of the graph; use it with ``with``.
+
+    They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor.
+
+    Args:
+        config_file: the configuration that every node reads.
+        names: which nodes to start, keys of :data:`MODULES`.
+        log_folder: gets one log a node.
+    """
+
+    def __init__(self, config_file: Path, names: Sequence[str], log_folder: Path) -> None:
+        self._config_file, self._names, self._log_folder = config_file, names, log_folder
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> NodeProcesses:
+        """Start the nodes."""
+        self._log_folder.mkdir(parents=True, exist_ok=True)
+        try:
+            for name in self._names:
+                self._processes[name] = self._start(name)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the nodes."""
+        self.stop()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process numbers of the nodes."""
+        return {name: process.pid for name, process in self._processes.items()}
+
+    def check(self) -> None:
+        """Make sure that all nodes live.
+
+        Raises:
+            NodeDiedError: one has ended; the message says which, how, and what it said last.
+        """
+        for name, process in self._processes.items():
+            code = process.poll()
+            if code is not None:
+                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}")
+
+    def stop(self) -> None:
+        """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""
+        for name in reversed(self._processes):
+            process = self._processes[name]
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(_END_TIMEOUT_S)
+                except subprocess.TimeoutExpired:
+                    _kill_tree(process.pid)
+                    process.wait()
+
+    def _start(self, name: str) -> subprocess.Popen[bytes]:
+        # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
+        parameter = f"config:={json.dumps(str(self._config_file))}"
+        command = [sys.executable, "-m", MODULES[name], "--ros-args", "-p", parameter]
+        with (self._log_folder / f"{name}.log").open("wb") as log:
+            return subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C reaches the supervisor only, which ends the nodes in order
+                preexec_fn=_die_with_parent,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            )
+
+    def _last_words(self, name: str) -> str:
+        time.sleep(0.1)
+        log = self._log_folder / f"{name}.log"
+        lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        return f"; it said last: {lines[-1]} (log: {log})" if lines else f" (log: {log})"
+
+
+def _die_with_parent() -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _kill_tree(pid: int) -> None:
+    try:
+        parent = psutil.Process(pid)
+    except psutil.NoSuchProcess:
+        return
+    for process in [*parent.children(recursive=True), parent]:
+        try:
+            process.kill()
+        except psutil.NoSuchProcess:
+            continue

@@ -1,0 +1,131 @@
+"""The command ``tel``."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from tel_ros import __version__
+from tel_ros.app.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_GRAPH_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_NOT_COMPLETED,
+    GraphError,
+)
+from tel_ros.core.errors import TelError
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.run_folder import read_summary
+
+_PROGRESS = Console(stderr=True)
+_OUT = Console()
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="tel")
+def main() -> None:
+    """Robot arms that get better at a movement by practice.
+
+    \b
+    tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
+    tel report bags/RUN                 its report, again
+
+    Exit codes: 0 done, 1 the final trial did not complete, 2 wrong input (nothing moved), 3 the node graph
+    failed, 130 interrupted.
+    """
+
+
+@main.command()
+@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@click.option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Another value for a key, e.g. sim.clock=realtime.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of the run; must not exist. Default: bags/NAME-TIME.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
+@click.option(
+    "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
+)
+def practice(
+    config_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, with_report: bool
+) -> None:
+    """Run a practice run: bring the node graph up, practise, take it down.
+
+    CONFIG is a YAML file such as config/paper.yaml. The run's folder gets a bag for each trial, the learned
+    network, run.yaml, summary.json and report.html.
+    """
+    # Imported late: `tel --help` and `tel report` need no ROS.
+    from tel_ros.app.practice import practise
+    from tel_ros.app.progress_view import ProgressView
+
+    signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
+    try:
+        config = load_config(config_file, overrides)
+        with ProgressView(_PROGRESS) as view:
+            result = practise(config, folder, view.update)
+    except GraphError as error:
+        _end(f"{error}", EXIT_GRAPH_FAILED, folder)
+    except TelError as error:
+        _end(str(error), EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        _end("interrupted: the arm was brought to rest and all nodes have ended", EXIT_INTERRUPTED, folder)
+    summary = read_summary(folder)
+    report_file = _report(folder) if with_report and summary["trials"] else None
+    _show(summary, folder, report_file, as_json)
+    if result.outcome == "failed":
+        _end(result.message, EXIT_GRAPH_FAILED, folder)
+    if result.outcome != "completed":
+        _end(result.message, EXIT_NOT_COMPLETED, folder)
+
+
+@main.command()
+@click.argument("run", type=click.Path(path_type=Path))
+def report(run: Path) -> None:
+    """Make the report of the practice run in folder RUN, from its bags."""
+    try:
+        click.echo(_report(run))
+    except TelError as error:
+        _end(str(error), EXIT_BAD_INPUT)
+
+
+def _report(folder: Path) -> Path:
+    from tel_ros.app.report import write_report  # late: plotting takes a second to import
+
+    return write_report(folder)
+
+
+def _show(summary: dict, folder: Path, report_file: Path | None, as_json: bool) -> None:
+    from tel_ros.app.progress_view import trial_table
+
+    if as_json:
+        click.echo(json.dumps(summary, indent=2))
+        return
+    _OUT.print(trial_table(summary["trials"]))
+    _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
+    if report_file:
+        _OUT.print(f"report  {report_file}", highlight=False, soft_wrap=True)
+
+
+def _end(message: str, code: int, folder: Path | None = None) -> None:
+    """Say what happened in one line and exit."""
+    left = f" (what was recorded is in {folder})" if folder is not None and folder.exists() else ""
+    click.echo(f"tel: {message}{left}", err=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

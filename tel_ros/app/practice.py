@@ -1,0 +1,144 @@
+"""One practice run, from the configuration to the finished run folder."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from tel_interfaces.action import Practice
+
+from tel_ros.app.bring_up import NodeProcesses, node_names
+from tel_ros.app.errors import GraphError
+from tel_ros.core.config import Config
+from tel_ros.core.control.limits import Limits
+from tel_ros.core.control.records import TrialGoal
+from tel_ros.core.errors import ConfigError, TrajectoryError
+from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.recording import topics
+from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
+from tel_ros.recording.waypoint_file import load_path
+
+DISCOVERY_S = 1.5
+START_TIMEOUT_S = 30.0
+
+OnFeedback = Callable[[Practice.Feedback], None]
+
+
+def check_before_moving(config: Config) -> None:
+    """Make sure that all trials that are planned stay within the limits of the arm.
+
+    Raises:
+        ConfigError: the movement leaves the range of a joint or is too fast for it.
+        InputFileError: the file of waypoints is missing or malformed.
+    """
+    path = load_path(config.path, config.arm)
+    limits = Limits.of(config.arm, config.control.corridor_rad)
+    for duration_s in sorted(set(make_strategy(config.practice).planned_durations_s)):
+        desired = sample(path, float(duration_s), config.control.rate_hz)
+        goal = TrialGoal(1, 1.0, desired, desired.position_rad)
+        try:
+            limits.check_goal(goal, config.control.settle_speed_rad_s)
+        except TrajectoryError as error:
+            key, value = (
+                ("path.file", config.path.file) if config.path.file else ("path.name", config.path.name)
+            )
+            raise ConfigError(
+                key, value, f"a path that the arm can follow in {duration_s} s: {error}"
+            ) from None
+
+
+def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.Result:
+    """Bring the graph up, run practice, take the graph down.
+
+    Args:
+        config: the run.
+        folder: of the run; must not exist.
+        on_feedback: called with every message about the progress.
+
+    Raises:
+        ConfigError, InputFileError: something about the run is wrong; nothing has moved.
+        GraphError: a graph is running already, a node died or did not come up; the graph is down.
+        KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
+    """
+    check_before_moving(config)
+    if config.run.arm == "sim":
+        # The simulated arm concerns nobody else on the network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with _client_node() as (node, executor):
+        _refuse_second_graph(node, executor, config)
+        create_run_folder(folder, config)
+        with NodeProcesses(folder / CONFIG_FILE, node_names(config), folder / LOG_FOLDER) as processes:
+            return _run(node, executor, processes, folder, on_feedback)
+
+
+@contextmanager
+def _client_node() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    try:
+        node = Node("tel")
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        yield node, executor
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def _refuse_second_graph(node: Node, executor: SingleThreadedExecutor, config: Config) -> None:
+    end = time.monotonic() + DISCOVERY_S
+    ours = set(node_names(config))
+    while time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.1)
+        running = sorted(ours.intersection(node.get_node_names()))
+        if config.run.arm == "sim" and node.count_publishers(topics.JOINT_STATES):
+            running.append(f"a publisher of {topics.JOINT_STATES}")
+        if running:
+            domain = os.environ.get("ROS_DOMAIN_ID", "0")
+            raise ConfigError(
+                "ROS_DOMAIN_ID", domain, f"a domain without a running graph (found {', '.join(running)})"
+            )
+
+
+def _run(
+    node: Node,
+    executor: SingleThreadedExecutor,
+    processes: NodeProcesses,
+    folder: Path,
+    on_feedback: OnFeedback,
+) -> Practice.Result:
+    client = ActionClient(node, Practice, topics.PRACTICE)
+
+    def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
+        end = time.monotonic() + timeout_s
+        while not done():
+            executor.spin_once(timeout_sec=0.1)
+            processes.check()
+            if time.monotonic() > end:
+                raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {folder / LOG_FOLDER}")
+
+    try:
+        spin_until(client.server_is_ready, START_TIMEOUT_S, "the practice manager did not come up")
+        accepted = client.send_goal_async(
+            Practice.Goal(run_dir=str(folder.resolve())),
+            feedback_callback=lambda message: on_feedback(message.feedback),
+        )
+        spin_until(accepted.done, START_TIMEOUT_S, "the practice manager did not answer")
+        handle: Any = accepted.result()
+        if not handle.accepted:
+            raise GraphError("the practice manager rejected the run")
+        finished: Future = handle.get_result_async()
+        spin_until(finished.done, float("inf"), "")
+        result: Practice.Result = finished.result().result
+        return result
+    finally:
+        client.destroy()

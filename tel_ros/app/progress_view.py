@@ -1,0 +1,97 @@
+"""Showing a practice run in the terminal while it goes on, and its trials at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from tel_interfaces.action import Practice
+
+from tel_ros.core.control.records import Outcome
+
+
+class ProgressView:
+    """A line that moves on a terminal; in a log file one line a trial. Use it with ``with``.
+
+    Args:
+        console: where to show it.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("starting the nodes", total=1.0)
+
+    def __enter__(self) -> ProgressView:
+        """Show the line."""
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take the line away."""
+        self._progress.stop()
+
+    def update(self, feedback: Practice.Feedback) -> None:
+        """Take in a message about the progress of the run."""
+        trial = f"trial {feedback.trial:2d}/{feedback.trials}  α {feedback.alpha:.3f}"
+        text = f"{trial}  {feedback.stage:<10}"
+        if feedback.max_error_rad > 0.0:
+            text += f"  error up to {feedback.max_error_rad:.3f} rad"
+        self._progress.update(self._task, description=text, completed=feedback.progress)
+        for result in feedback.last:
+            before, after = feedback.training_rms_rad
+            outcome = Outcome(result.outcome).name.lower()
+            self._console.print(
+                f"{trial}  {feedback.duration_s:6.3f} s  error {result.rms_error_rad:.4f} rad RMS, "
+                f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"
+                f"{self._time_left()}",
+                highlight=False,
+            )
+
+    def _time_left(self) -> str:
+        left_s = self._progress.tasks[0].time_remaining
+        return "" if left_s is None else f"  about {left_s:.0f} s left"
+
+
+def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the trials of a summary as a table."""
+    table = Table(title="Trials", title_justify="left", header_style="bold")
+    for heading in (
+        "trial", "α", "duration\n[s]", "RMS error\n[rad]", "max error\n[rad]", "training error\n[rad]",
+        "command change\n[rad]", "max effort\n[N·m]", "outcome",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading == "outcome" else "right")
+    for trial in trials:
+        training = f"{_number(trial['training_rms_before_rad'])} → {_number(trial['training_rms_after_rad'])}"
+        table.add_row(
+            str(trial["index"]),
+            f"{trial['alpha']:.3f}",
+            f"{trial['duration_s']:.3f}",
+            _number(trial["rms_error_rad"]),
+            _number(trial["max_error_rad"]),
+            training,
+            _number(trial["rms_command_change_rad"]),
+            f"{max(trial['max_effort_nm']):.2f}",
+            trial["outcome"] + (f": {trial['message']}" if trial["message"] else ""),
+        )
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4f}"

@@ -1,0 +1,307 @@
+"""What a practice run is made of, as frozen records that are right once they exist.
+
+Each record checks itself when it is made, so that code that holds one need not ask again. Reading
+them from YAML is the business of :mod:`tel_ros.recording.config_file`. Units are part of the field
+names; defaults are the paper's where the paper gives a number, and ours elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tel_ros.core.errors import ConfigError
+
+JointValues = tuple[float, ...]
+
+
+def _require(condition: bool, key: str, value: object, expected: str) -> None:
+    # Written by the callers so that NaN makes the condition false.
+    if not condition:
+        raise ConfigError(key, value, expected)
+
+
+def _require_positive(record: object, *keys: str) -> None:
+    for key in keys:
+        value = getattr(record, key)
+        _require(0.0 < value < math.inf, key, value, "a finite number above 0")
+
+
+def _require_at_least_zero(record: object, *keys: str) -> None:
+    for key in keys:
+        value = getattr(record, key)
+        _require(0.0 <= value < math.inf, key, value, "a finite number of at least 0")
+
+
+def _require_per_joint(record: object, key: str, joints: Sequence[str], low: float, meaning: str) -> None:
+    values = getattr(record, key)
+    _require(
+        len(values) == len(joints) and all(low < v < math.inf for v in values),
+        key,
+        list(values),
+        f"{len(joints)} {meaning}, one for each of the joints {', '.join(joints)}",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Where a run takes place."""
+
+    arm: Literal["sim", "external"] = "sim"
+    """``sim`` starts the simulated arm; ``external`` waits for an arm that somebody else has started."""
+    arm_timeout_s: float = 10.0
+    """How long to wait for joint states and nodes before giving up (wall clock)."""
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "arm_timeout_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmConfig:
+    """An arm and the virtual springs that drive it."""
+
+    name: str
+    urdf: str
+    """File with the kinematics and limits (the simulated arm takes its dynamics from it, too)."""
+    joints: tuple[str, ...]
+    """Names of the joints to move, in the order of every array and of the effort command."""
+    hand_link: str
+    """Link whose path is drawn in reports."""
+    stiffness_nm_per_rad: JointValues
+    """K of the EP control law ([Practice] Sec. 3: 15)."""
+    damping_nms_per_rad: JointValues
+    """B of the EP control law ([Practice] Sec. 3: 1.5)."""
+    effort_limit_nm: JointValues
+    """Commands are clipped to it."""
+    position_min_rad: JointValues = ()
+    """Empty: from the URDF."""
+    position_max_rad: JointValues = ()
+    """Empty: from the URDF."""
+    velocity_limit_rad_s: JointValues = ()
+    """A faster joint aborts the trial. Empty: from the URDF."""
+
+    def __post_init__(self) -> None:
+        _require(len(self.joints) > 0, "joints", list(self.joints), "at least one joint name")
+        _require(len(set(self.joints)) == len(self.joints), "joints", list(self.joints), "each joint once")
+        _require_per_joint(self, "stiffness_nm_per_rad", self.joints, 0.0, "finite numbers above 0")
+        _require_per_joint(self, "damping_nms_per_rad", self.joints, -1e-300, "finite numbers of at least 0")
+        _require_per_joint(self, "effort_limit_nm", self.joints, 0.0, "finite numbers above 0")
+        for key in ("position_min_rad", "position_max_rad"):
+            if getattr(self, key):
+                _require_per_joint(self, key, self.joints, -math.inf, "finite numbers")
+        if self.velocity_limit_rad_s:
+            _require_per_joint(self, "velocity_limit_rad_s", self.joints, 0.0, "finite numbers above 0")
+        if self.position_min_rad and self.position_max_rad:
+            ordered = all(
+                low < high for low, high in zip(self.position_min_rad, self.position_max_rad, strict=True)
+            )
+            _require(
+                ordered,
+                "position_max_rad",
+                list(self.position_max_rad),
+                f"above {list(self.position_min_rad)}",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathConfig:
+    """The shape of the movement: a built-in path by name, or waypoints from a file."""
+
+    name: str = ""
+    file: str = ""
+    """CSV with a header line of joint names and one row of joint angles in rad a waypoint."""
+
+    def __post_init__(self) -> None:
+        _require(
+            bool(self.name) != bool(self.file),
+            "name",
+            self.name,
+            f"either a name or a file (file is {self.file!r}), and not both",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PracticeConfig:
+    """The practice strategy ([Practice] Sec. 3: 15 trials from 11.5 s to 4.5 s)."""
+
+    strategy: Literal["trajectory_extension", "direct"] = "trajectory_extension"
+    """``direct`` runs every trial at the goal speed: the paper's control condition."""
+    trials: int = 15
+    first_duration_s: float = 11.5
+    goal_duration_s: float = 4.5
+    spacing: Literal["duration", "speed", "torque"] = "duration"
+    """What goes up in even steps: duration T (the paper), speed 1/T or torque 1/T²."""
+    on_abort: Literal["stop", "continue"] = "stop"
+    """``continue`` learns from what was recorded before the abort and goes on with the next trial."""
+
+    def __post_init__(self) -> None:
+        _require(self.trials >= 1, "trials", self.trials, "a whole number of at least 1")
+        _require_positive(self, "goal_duration_s")
+        _require(
+            self.goal_duration_s <= self.first_duration_s < math.inf,
+            "first_duration_s",
+            self.first_duration_s,
+            f"a finite time of at least goal_duration_s = {self.goal_duration_s} s",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningConfig:
+    """The network and how it learns ([Practice] Sec. 2.1 and 3)."""
+
+    name: Literal["lms_tree"] = "lms_tree"
+    weights: Literal["lms"] = "lms"
+    training: Literal["actual", "desired"] = "actual"
+    """Where the command error is applied: at the actual or at the desired trajectory."""
+    gaussians_per_input: int = 10
+    max_subtrees: int = 15
+    """Limit of subtrees grown for each joint ([Practice] Sec. 3: 15)."""
+    growth_per_trial: int = 1
+    rate: float = 0.5
+    """γ of the normalised LMS rule, 0 < γ <= 1."""
+    passes: int = 2
+    """How often a trial's samples are gone through."""
+    gaussian_width: float = 1.0
+    """Standard deviation of a Gaussian in units of the distance between neighbouring centres."""
+    input_margin: float = 1.3
+    """Input ranges cover the goal movement, widened by this factor."""
+    filter_cutoff_hz: float = 15.0
+    """Zero-phase low-pass for recorded positions and commands; 0 switches it off."""
+
+    def __post_init__(self) -> None:
+        _require(self.gaussians_per_input >= 2, "gaussians_per_input", self.gaussians_per_input, "at least 2")
+        _require(self.max_subtrees >= 0, "max_subtrees", self.max_subtrees, "at least 0")
+        _require(self.growth_per_trial >= 0, "growth_per_trial", self.growth_per_trial, "at least 0")
+        _require(0.0 < self.rate <= 1.0, "rate", self.rate, "a number above 0 and up to 1")
+        _require(self.passes >= 1, "passes", self.passes, "a whole number of at least 1")
+        _require_positive(self, "gaussian_width")
+        _require(1.0 <= self.input_margin < math.inf, "input_margin", self.input_margin, "at least 1")
+        _require_at_least_zero(self, "filter_cutoff_hz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlConfig:
+    """The control loop and what makes it stop a trial."""
+
+    rate_hz: float = 500.0
+    """Rate of joint states and commands, and of the points of trajectories."""
+    corridor_rad: float = 1.0
+    """A joint further than this from its desired position aborts the trial."""
+    approach_speed_rad_s: float = 0.5
+    """Peak speed of the fastest joint on the way to the start posture."""
+    settle_speed_rad_s: float = 0.05
+    """Slower than this counts as at rest."""
+    settle_time_s: float = 0.2
+    """How long the arm must be at rest before a trial runs, and before a trial counts as finished."""
+    settle_timeout_s: float = 10.0
+    """Not at rest after this: the trial is aborted."""
+    state_timeout_s: float = 0.1
+    """No new joint state for this long (wall clock) aborts the trial and commands zero effort."""
+
+    def __post_init__(self) -> None:
+        _require_positive(
+            self,
+            "rate_hz",
+            "corridor_rad",
+            "approach_speed_rad_s",
+            "settle_speed_rad_s",
+            "settle_time_s",
+            "state_timeout_s",
+        )
+        _require(
+            self.settle_time_s < self.settle_timeout_s < math.inf,
+            "settle_timeout_s",
+            self.settle_timeout_s,
+            f"a finite time above settle_time_s = {self.settle_time_s} s",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig:
+    """The simulated arm. Nothing here reaches a real one."""
+
+    clock: Literal["lockstep", "realtime"] = "lockstep"
+    """``lockstep`` waits for each command and runs as fast as the graph can; ``realtime`` is paced."""
+    physics_rate_hz: float = 4000.0
+    encoder_bits: int = 16
+    """Positions are read in steps of 2π / 2^bits; 0: exact."""
+    position_noise_rad: float = 0.0
+    """Standard deviation of white noise on each position reading."""
+    velocity_filter_hz: float = 100.0
+    """Low-pass of the velocity that is made from successive position readings; 0: none."""
+    command_delay_s: float = 0.0
+    payload_kg: float = 0.0
+    """Point mass at the hand link."""
+    inertia_scale: float = 1.0
+    """Factor on all masses and inertias."""
+    viscous_friction_nms_per_rad: JointValues = ()
+    """Empty: the damping in the URDF."""
+    coulomb_friction_nm: JointValues = ()
+    """Empty: the friction in the URDF."""
+    initial_position_rad: JointValues = ()
+    """Empty: the middle of each joint's range."""
+    watchdog_s: float = 0.1
+    """Silence on the command topic after which the effort goes to zero (arm time)."""
+    lockstep_timeout_s: float = 2.0
+    """How long (wall clock) lockstep waits for the command to a moving arm before it counts as silence."""
+    gui: bool = False
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "physics_rate_hz", "inertia_scale", "lockstep_timeout_s")
+        _require(0.0 < self.watchdog_s <= 0.1, "watchdog_s", self.watchdog_s, "above 0 and up to 0.1 s")
+        _require(
+            self.encoder_bits == 0 or 8 <= self.encoder_bits <= 32,
+            "encoder_bits",
+            self.encoder_bits,
+            "0 (exact), or 8 to 32",
+        )
+        _require_at_least_zero(
+            self, "position_noise_rad", "velocity_filter_hz", "command_delay_s", "payload_kg"
+        )
+        for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm"):
+            values = getattr(self, key)
+            _require(
+                all(0.0 <= v < math.inf for v in values), key, list(values), "finite numbers of at least 0"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Everything that defines a practice run."""
+
+    arm: ArmConfig
+    path: PathConfig
+    run: RunConfig = field(default_factory=RunConfig)
+    practice: PracticeConfig = field(default_factory=PracticeConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    control: ControlConfig = field(default_factory=ControlConfig)
+    sim: SimConfig = field(default_factory=SimConfig)
+    seed: int = 1
+    """Of everything random (at present the sensor noise of the simulated arm)."""
+    versions: dict[str, str] = field(default_factory=dict)
+    """What a run was made with; written into ``run.yaml``, not read."""
+
+    @property
+    def arm_waits_for_commands(self) -> bool:
+        """Whether the arm's time stands still while nobody commands it: no silence can hurt it then."""
+        return self.run.arm == "sim" and self.sim.clock == "lockstep"
+
+    def __post_init__(self) -> None:
+        _require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
+        substeps = self.sim.physics_rate_hz / self.control.rate_hz
+        _require(
+            substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9,
+            "sim.physics_rate_hz",
+            self.sim.physics_rate_hz,
+            f"a whole multiple of control.rate_hz = {self.control.rate_hz}",
+        )
+        for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm", "initial_position_rad"):
+            values = getattr(self.sim, key)
+            _require(
+                len(values) in (0, len(self.arm.joints)),
+                f"sim.{key}",
+                list(values),
+                f"nothing, or one value for each of the joints {', '.join(self.arm.joints)}",
+            )

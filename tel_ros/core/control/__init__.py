@@ -1,0 +1,1 @@
+"""Equilibrium-point control and the course of one trial: state in, effort out."""

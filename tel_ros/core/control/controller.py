@@ -1,0 +1,305 @@
+"""The course of a trial: state in, effort out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tel_ros.core.config import ArmConfig, ControlConfig
+from tel_ros.core.control.brake import OneWayBrake
+from tel_ros.core.control.ep_law import EpLaw
+from tel_ros.core.control.limits import Limits
+from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.tracking import TrackingScore
+from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
+from tel_ros.core.types import NS_PER_S, FloatArray
+
+SHORTEST_APPROACH_S = 0.5
+
+
+@dataclass(slots=True)
+class _Target:
+    """Where the joints should be now, and what the springs pull towards. Shapes (n_joints,)."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    equilibrium: FloatArray
+
+
+class EpController:
+    """Executes one trial at a time under equilibrium-point control.
+
+    APPROACH (smoothly to the start posture) → SETTLE → RUN → HOLD; the trial is over when the arm is at rest
+    in HOLD. Whatever goes wrong leads to STOP, where the arm is braked and held where it comes to rest; the
+    trial is over then. Time is that of the states alone, so it runs slower or faster than the wall clock
+    just as well.
+
+    Args:
+        arm: joints, springs and limits; its empty limits must have been filled from the URDF.
+        control: corridor, settling and time-outs.
+    """
+
+    def __init__(self, arm: ArmConfig, control: ControlConfig) -> None:
+        self.limits = Limits.of(arm, control.corridor_rad)
+        self._law = EpLaw(
+            np.array(arm.stiffness_nm_per_rad),
+            np.array(arm.damping_nms_per_rad),
+            np.array(arm.effort_limit_nm),
+        )
+        self._control = control
+        self._n_joints = len(arm.joints)
+        self._state_timeout_ns = round(control.state_timeout_s * NS_PER_S)
+        self._settle_timeout_ns = round(control.settle_timeout_s * NS_PER_S)
+        self.phase = Phase.IDLE
+        self.report: TrialReport | None = None
+        """Of the trial that has just ended; None while one is under way."""
+        self._goal: TrialGoal | None = None
+        self._outcome = Outcome.COMPLETED
+        self._message = ""
+        self._score = TrackingScore(self._n_joints)
+        self._ticks = 0
+        self._start_ns = self._run_ns = self._phase_ns = self._last_ns = 0
+        self._equilibrium: FloatArray | None = None
+        self._held = _Target(*(np.zeros(self._n_joints) for _ in range(4)))
+        self._approach_from = np.zeros(self._n_joints)
+        self._approach_s = 0.0
+        self._point = 0
+        self._brake: OneWayBrake | None = None
+        self._rest = self._new_rest_detector()
+        self._still = False
+
+    @property
+    def active(self) -> bool:
+        """Whether a trial is under way."""
+        return self._goal is not None
+
+    @property
+    def goal(self) -> TrialGoal | None:
+        """The trial that is under way."""
+        return self._goal
+
+    @property
+    def max_error_rad(self) -> float:
+        """Largest deviation of any joint in RUN so far."""
+        return self._score.max_error_rad
+
+    @property
+    def time_from_start_s(self) -> float:
+        """Time of the last state since the beginning of RUN; -1 before it."""
+        return (self._last_ns - self._run_ns) / NS_PER_S if self._run_ns else -1.0
+
+    def start(self, goal: TrialGoal) -> None:
+        """Take up a trial with the next state.
+
+        Raises:
+            TrajectoryError: a trial is under way, or the goal is one that the arm must not follow.
+        """
+        if self.active:
+            raise TrajectoryError("another trial is under way; one trial at a time")
+        self.limits.check_goal(goal, self._control.settle_speed_rad_s)
+        self._goal, self.report = goal, None
+        self._outcome, self._message = Outcome.COMPLETED, ""
+        self._score, self._ticks, self._run_ns, self._start_ns = TrackingScore(self._n_joints), 0, 0, 0
+        # What is held at present is left smoothly; an arm that nobody holds is picked up where it is.
+        self.phase = Phase.APPROACH
+
+    def cancel(self) -> None:
+        """Stop the trial that is under way, if any: the arm is brought to rest and held."""
+        self._stop(Outcome.CANCELLED, "cancelled")
+
+    def lose_states(self, message: str) -> None:
+        """End the trial because no states come any more; effort must go to zero until they do.
+
+        There is nothing to compute an effort from. If states return, the arm is braked and held.
+        """
+        if self.phase == Phase.IDLE and not self.active:
+            return
+        self._stop(Outcome.ABORTED, message)
+        self._finish()
+
+    def tick(self, state: ArmState) -> Tick | None:
+        """Answer one measured state.
+
+        Returns:
+            What was decided, with the effort to command; None if nothing is to be commanded yet.
+        """
+        if self.phase == Phase.IDLE:
+            self._last_ns = state.time_ns
+            return None
+        self._check(state)
+        if self.phase == Phase.APPROACH and self._ticks == 0:
+            self._begin_approach(state)
+        self._last_ns = state.time_ns
+        self._ticks += 1
+        self._advance(state)
+        target = self._target(state)
+        if self.phase != Phase.STOP:
+            violation = self.limits.violation(state, target.position)
+            if violation is not None:
+                self._stop(Outcome.ABORTED, violation)
+                target = self._target(state)
+        effort, saturated = self._law.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
+        self._equilibrium = target.equilibrium
+        if self.phase == Phase.RUN:
+            self._score.add(state.position_rad - target.position, effort, saturated)
+        tick = Tick(
+            phase=self.phase,
+            time_from_start_s=self.time_from_start_s,
+            desired_position_rad=target.position,
+            desired_velocity_rad_s=target.velocity,
+            desired_acceleration_rad_s2=target.acceleration,
+            equilibrium_rad=target.equilibrium,
+            effort_nm=effort,
+            saturated=saturated,
+        )
+        self._finish_if_over(state.time_ns)
+        return tick
+
+    def _check(self, state: ArmState) -> None:
+        """Abort if time jumped: a state that does not follow the last one says nothing about now."""
+        step_ns = state.time_ns - self._last_ns
+        if self._ticks == 0 or self.phase == Phase.STOP:
+            return
+        if step_ns <= 0:
+            self._stop(
+                Outcome.ABORTED, f"the stamps of the joint states went back by {-step_ns / NS_PER_S:.3f} s"
+            )
+        elif step_ns > self._state_timeout_ns:
+            self._stop(
+                Outcome.ABORTED,
+                f"no joint state for {step_ns / NS_PER_S:.3f} s (time-out {self._control.state_timeout_s} s)",
+            )
+
+    def _begin_approach(self, state: ArmState) -> None:
+        assert self._goal is not None
+        start = state.position_rad if self._equilibrium is None else self._equilibrium
+        self._approach_from = start
+        distance = float(np.abs(self._goal.equilibrium_rad[0] - start).max())
+        peak = MINIMUM_JERK_PEAK_SPEED * distance / self._control.approach_speed_rad_s
+        self._approach_s = max(peak, SHORTEST_APPROACH_S)
+        self._start_ns = self._phase_ns = state.time_ns
+
+    def _enter(self, phase: Phase, time_ns: int) -> None:
+        self.phase, self._phase_ns = phase, time_ns
+        self._rest, self._still = self._new_rest_detector(), False
+
+    def _advance(self, state: ArmState) -> None:
+        """Go on to the next phase when it is time."""
+        in_phase_ns = state.time_ns - self._phase_ns
+        self._still = self._rest.at_rest(state.time_ns, state.position_rad)
+        if self.phase == Phase.APPROACH and in_phase_ns >= self._approach_s * NS_PER_S:
+            self._enter(Phase.SETTLE, state.time_ns)
+        elif self.phase == Phase.SETTLE:
+            if self._still:
+                self._enter(Phase.RUN, state.time_ns)
+                self._run_ns, self._point = state.time_ns, 0
+            elif in_phase_ns > self._settle_timeout_ns:
+                self._stop(Outcome.ABORTED, self._restless("at the start posture"))
+        elif self.phase == Phase.RUN:
+            assert self._goal is not None
+            if in_phase_ns > self._goal.desired.time_ns[-1]:
+                self._held = self._trajectory_target(len(self._goal.desired.time_ns) - 1, 0.0)
+                self._enter(Phase.HOLD, state.time_ns)
+
+    def _target(self, state: ArmState) -> _Target:
+        if self.phase == Phase.RUN:
+            return self._run_target(state.time_ns)
+        zero = np.zeros(self._n_joints)
+        if self.phase == Phase.APPROACH:
+            assert self._goal is not None
+            phase = (state.time_ns - self._phase_ns) / (self._approach_s * NS_PER_S)
+            s = minimum_jerk(np.array([phase]))[0][0]
+            u = self._approach_from + s * (self._goal.equilibrium_rad[0] - self._approach_from)
+            return _Target(u, zero, zero, u)
+        if self.phase == Phase.SETTLE:
+            return self._trajectory_target(0, 0.0)
+        if self.phase == Phase.HOLD:
+            return self._held
+        u = self._stopping_equilibrium(state)
+        return _Target(u, zero, zero, u)
+
+    def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
+        if self._brake is None:
+            self._brake = OneWayBrake(state.position_rad)
+        elif self._still and self._equilibrium is not None:
+            # At rest it stays latched: moving along with sensor noise would let the arm creep.
+            return self._equilibrium
+        return self._brake.equilibrium(state.position_rad, state.velocity_rad_s)
+
+    def _run_target(self, time_ns: int) -> _Target:
+        assert self._goal is not None
+        times = self._goal.desired.time_ns
+        t = time_ns - self._run_ns
+        last = len(times) - 1
+        while self._point < last and times[self._point + 1] <= t:
+            self._point += 1
+        if self._point == last:
+            return self._trajectory_target(last, 0.0)
+        share = float(t - times[self._point]) / float(times[self._point + 1] - times[self._point])
+        return self._trajectory_target(self._point, share)
+
+    def _trajectory_target(self, k: int, share: float) -> _Target:
+        """Return the goal at point k, or by linear interpolation between k and k + 1."""
+        assert self._goal is not None
+        desired = self._goal.desired
+        rows = (
+            desired.position_rad,
+            desired.velocity_rad_s,
+            desired.acceleration_rad_s2,
+            self._goal.equilibrium_rad,
+        )
+        if share == 0.0:
+            return _Target(*(row[k] for row in rows))
+        return _Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in rows))
+
+    def _stop(self, outcome: Outcome, message: str) -> None:
+        if self.phase == Phase.STOP or (self.phase == Phase.IDLE and not self.active):
+            return
+        if self.active:
+            self._outcome, self._message = outcome, message
+        self._brake = None
+        self._equilibrium = None
+        self._enter(Phase.STOP, self._last_ns)
+
+    def _finish_if_over(self, time_ns: int) -> None:
+        if not self.active or self.phase not in (Phase.HOLD, Phase.STOP):
+            return
+        if self._still:
+            self._finish()
+        elif time_ns - self._phase_ns > self._settle_timeout_ns:
+            if self.phase == Phase.HOLD:
+                self._stop(Outcome.ABORTED, self._restless("after the movement"))
+            else:
+                self._message += f"; it was {self._restless('under the brake')}"
+                self._finish()
+
+    def _finish(self) -> None:
+        if self._goal is None:
+            return
+        self.report = TrialReport(
+            index=self._goal.index,
+            alpha=self._goal.alpha,
+            duration_s=self._goal.desired.duration_s,
+            outcome=self._outcome,
+            message=self._message,
+            start_ns=self._start_ns,
+            run_ns=self._run_ns,
+            end_ns=self._last_ns,
+            ticks=self._ticks,
+            rms_error_rad=self._score.rms_error_rad,
+            rms_error_per_joint_rad=self._score.rms_error_per_joint_rad,
+            max_error_rad=self._score.max_error_rad if self._score.ticks else float("nan"),
+            max_effort_nm=self._score.max_effort_nm,
+            saturated_ratio=self._score.saturated_ratio,
+        )
+        self._goal = None
+
+    def _restless(self, where: str) -> str:
+        return f"not at rest {where} after {self._control.settle_timeout_s} s"
+
+    def _new_rest_detector(self) -> RestDetector:
+        return RestDetector(self._control.settle_speed_rad_s, self._control.settle_time_s)

@@ -1,0 +1,35 @@
+"""Telling whether an arm is at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tel_ros.core.types import NS_PER_S, FloatArray
+
+
+class RestDetector:
+    """Says when no joint has moved for a while.
+
+    It looks at positions over the whole window instead of at the measured velocity, which a coarse encoder
+    or noise can keep above any sensible threshold although the arm stands still.
+
+    Args:
+        speed_rad_s: mean speed over the window below which a joint counts as at rest.
+        window_s: length of the window.
+    """
+
+    def __init__(self, speed_rad_s: float, window_s: float) -> None:
+        self._distance_rad = speed_rad_s * window_s
+        self._window_ns = round(window_s * NS_PER_S)
+        self._since_ns = 0
+        self._reference_rad: FloatArray | None = None
+
+    def at_rest(self, time_ns: int, position_rad: FloatArray) -> bool:
+        """Take in one measured position, shape (n_joints,), and return whether the arm is at rest by now."""
+        moved = (
+            self._reference_rad is None
+            or np.abs(position_rad - self._reference_rad).max() > self._distance_rad
+        )
+        if moved:
+            self._reference_rad, self._since_ns = position_rad, time_ns
+        return time_ns - self._since_ns >= self._window_ns

@@ -1,0 +1,62 @@
+"""The errors that tel_ros raises on purpose: one family, the numbers kept, a way out named."""
+
+from __future__ import annotations
+
+
+class TelError(Exception):
+    """Base of everything that tel_ros raises on purpose."""
+
+
+class ConfigError(TelError):
+    """A configured value cannot be used.
+
+    Args:
+        key: dotted name of the value, as far as the raiser knows it.
+        value: what was found.
+        expected: what would have been right.
+        source: file or option that the value came from, where known.
+    """
+
+    def __init__(self, key: str, value: object, expected: str, source: str | None = None) -> None:
+        self.key, self.value, self.expected, self.source = key, value, expected, source
+        where = f"{source}: " if source else ""
+        super().__init__(f"{where}{key} is {value!r}; expected {expected}")
+
+    def inside(self, section: str, source: str | None = None) -> ConfigError:
+        """Return the same error as seen from outside: the key prefixed, the source named."""
+        key = f"{section}.{self.key}" if section else self.key
+        return ConfigError(key, self.value, self.expected, self.source or source)
+
+
+class InputFileError(TelError):
+    """A file that the user named cannot be used.
+
+    Args:
+        path: the file.
+        found: what is wrong with it.
+        expected: what would have been right.
+    """
+
+    def __init__(self, path: object, found: str, expected: str) -> None:
+        self.path, self.found, self.expected = str(path), found, expected
+        super().__init__(f"{path}: {found}; expected {expected}")
+
+
+class TrajectoryError(TelError):
+    """A trajectory is malformed or asks for what the arm must not do."""
+
+
+class StateError(TelError):
+    """A measured state cannot be used: wrong joints, wrong length or not finite."""
+
+
+class TrainingError(TelError):
+    """The network could not be trained; it stays as it was."""
+
+
+class NetworkFileError(InputFileError):
+    """A stored network cannot be read or does not fit."""
+
+
+class BagError(InputFileError):
+    """A trial's bag is missing, not whole, or does not hold what a trial must hold."""

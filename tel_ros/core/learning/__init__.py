@@ -1,0 +1,1 @@
+"""Learned inverse dynamics and the signals it learns from."""

@@ -1,0 +1,1 @@
+"""Practice strategies: which trajectory to try next."""

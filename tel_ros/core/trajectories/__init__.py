@@ -1,0 +1,1 @@
+"""Paths, time scaling and sampling: from a shape to a desired trajectory."""

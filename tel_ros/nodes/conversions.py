@@ -1,0 +1,257 @@
+"""Between ROS messages and the records of the core."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from tel_interfaces.action import ExecuteTrial
+from tel_interfaces.msg import ControlState, TrialResult
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+
+
+def time_ns(stamp: Time | Duration) -> int:
+    """Return a time or duration in nanoseconds."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def to_time(ns: int) -> Time:
+    """Return nanoseconds as a time stamp."""
+    return Time(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
+
+
+def to_array(values: FloatArray) -> array[float]:
+    """Return doubles in the form that messages take without looking at each of them."""
+    return array("d", values.tobytes())
+
+
+class JointStateReader:
+    """Picks the arm's joints out of joint states, by name.
+
+    Args:
+        joints: names, in the order of all arrays.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = list(joints)
+        self._names: list[str] | None = None
+        self._columns: list[int] | slice = slice(None)
+
+    def read(self, message: JointState) -> ArmState:
+        """Return the state of the arm's joints.
+
+        Raises:
+            StateError: a joint is missing, a field has the wrong length, or a value is not finite.
+        """
+        names = message.name
+        if names != self._names:
+            missing = [joint for joint in self._joints if joint not in names]
+            if missing:
+                raise StateError(
+                    f"the joint state has {', '.join(names) or 'no joints'}; expected also {', '.join(missing)}"
+                )
+            columns = [names.index(joint) for joint in self._joints]
+            self._columns = slice(None) if columns == list(range(len(names))) else columns
+            self._names = list(names)
+        if not len(names) == len(message.position) == len(message.velocity):
+            raise StateError(
+                f"the joint state has {len(names)} names, {len(message.position)} positions and "
+                f"{len(message.velocity)} velocities; expected as many of each"
+            )
+        return ArmState(
+            time_ns=time_ns(message.header.stamp),
+            position_rad=np.array(message.position)[self._columns],
+            velocity_rad_s=np.array(message.velocity)[self._columns],
+        )
+
+
+class EffortCommand:
+    """The effort command, marked with the stamp of the joint state that it answers.
+
+    Stock effort controllers do not look at the layout of the array. The simulated arm in lockstep and the
+    recorder do: its one dimension is labelled with that stamp, in nanoseconds.
+
+    Args:
+        n_joints: number of efforts.
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self._dimension = MultiArrayDimension(size=n_joints, stride=n_joints)
+        self.message = Float64MultiArray()
+        self.message.layout.dim = [self._dimension]
+
+    def fill(self, stamp_ns: int, effort_nm: FloatArray) -> Float64MultiArray:
+        """Return the message, which is the same one every time."""
+        self._dimension.label = str(stamp_ns)
+        self.message.data = to_array(effort_nm)
+        return self.message
+
+
+def answered_stamp_ns(message: Float64MultiArray) -> int | None:
+    """Return the stamp of the joint state that a command answers, or None if it does not say."""
+    for dimension in message.layout.dim:
+        if dimension.label.isdecimal():
+            return int(dimension.label)
+    return None
+
+
+class ControlStateFiller:
+    """Turns ticks into one message that is used again and again."""
+
+    def __init__(self) -> None:
+        self._message = ControlState()
+
+    def fill(self, trial: int, state: ArmState, tick: Tick) -> ControlState:
+        """Return the message, which is the same one every time."""
+        message = self._message
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(state.time_ns, NS_PER_S)
+        message.trial = trial
+        message.phase = int(tick.phase)
+        message.time_from_start_s = tick.time_from_start_s
+        message.desired_position_rad = to_array(tick.desired_position_rad)
+        message.desired_velocity_rad_s = to_array(tick.desired_velocity_rad_s)
+        message.desired_acceleration_rad_s2 = to_array(tick.desired_acceleration_rad_s2)
+        message.equilibrium_rad = to_array(tick.equilibrium_rad)
+        message.position_rad = to_array(state.position_rad)
+        message.velocity_rad_s = to_array(state.velocity_rad_s)
+        message.effort_nm = to_array(tick.effort_nm)
+        message.saturated = tick.saturated.tolist()
+        return message
+
+
+def to_trajectory_message(
+    joints: Sequence[str],
+    times_ns: IntArray,
+    position_rad: FloatArray,
+    velocity_rad_s: FloatArray | None = None,
+    acceleration_rad_s2: FloatArray | None = None,
+) -> JointTrajectory:
+    """Return a trajectory message; arrays of shape (n, n_joints), missing ones are left empty."""
+    message = JointTrajectory(joint_names=list(joints))
+    for k, ns in enumerate(times_ns.tolist()):
+        point = JointTrajectoryPoint(positions=to_array(position_rad[k]))
+        if velocity_rad_s is not None:
+            point.velocities = to_array(velocity_rad_s[k])
+        if acceleration_rad_s2 is not None:
+            point.accelerations = to_array(acceleration_rad_s2[k])
+        point.time_from_start = Duration(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
+        message.points.append(point)
+    return message
+
+
+def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointTrajectory:
+    """Return a desired trajectory as a message."""
+    return to_trajectory_message(
+        joints,
+        desired.time_ns,
+        desired.position_rad,
+        desired.velocity_rad_s,
+        desired.acceleration_rad_s2,
+    )
+
+
+def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajectory:
+    """Return the desired trajectory of a message, its columns in the order of ``joints``.
+
+    Raises:
+        TrajectoryError: other joints, points without positions, velocities or accelerations, or whatever
+            :class:`DesiredTrajectory` refuses.
+    """
+    columns = _columns(message, joints)
+    return DesiredTrajectory(
+        time_ns=_times(message),
+        position_rad=_values(message, "positions", columns),
+        velocity_rad_s=_values(message, "velocities", columns),
+        acceleration_rad_s2=_values(message, "accelerations", columns),
+    )
+
+
+def to_goal(goal: ExecuteTrial.Goal, joints: Sequence[str]) -> TrialGoal:
+    """Return the goal of a trial.
+
+    Raises:
+        TrajectoryError: a trajectory is malformed, or the two do not fit together.
+    """
+    desired = to_desired(goal.desired, joints)
+    times = _times(goal.equilibrium)
+    if not np.array_equal(times, desired.time_ns):
+        raise TrajectoryError(
+            f"the equilibrium trajectory has {len(times)} points, the desired one {len(desired.time_ns)}; "
+            "expected the same times in both"
+        )
+    equilibrium = _values(goal.equilibrium, "positions", _columns(goal.equilibrium, joints))
+    return TrialGoal(goal.trial, goal.alpha, desired, equilibrium)
+
+
+def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult:
+    """Return a report as a message."""
+    return TrialResult(
+        index=report.index,
+        outcome=int(report.outcome),
+        message=report.message,
+        alpha=report.alpha,
+        duration_s=report.duration_s,
+        start_stamp=to_time(report.start_ns),
+        run_stamp=to_time(report.run_ns),
+        end_stamp=to_time(report.end_ns),
+        ticks=report.ticks,
+        joint_names=list(joints),
+        rms_error_rad=report.rms_error_rad,
+        rms_error_per_joint_rad=to_array(report.rms_error_per_joint_rad),
+        max_error_rad=report.max_error_rad,
+        max_effort_nm=to_array(report.max_effort_nm),
+        saturated_ratio=report.saturated_ratio,
+    )
+
+
+def to_report(message: TrialResult) -> TrialReport:
+    """Return the report in a message."""
+    return TrialReport(
+        index=message.index,
+        alpha=message.alpha,
+        duration_s=message.duration_s,
+        outcome=Outcome(message.outcome),
+        message=message.message,
+        start_ns=time_ns(message.start_stamp),
+        run_ns=time_ns(message.run_stamp),
+        end_ns=time_ns(message.end_stamp),
+        ticks=message.ticks,
+        rms_error_rad=message.rms_error_rad,
+        rms_error_per_joint_rad=np.array(message.rms_error_per_joint_rad),
+        max_error_rad=message.max_error_rad,
+        max_effort_nm=np.array(message.max_effort_nm),
+        saturated_ratio=message.saturated_ratio,
+    )
+
+
+def _columns(message: JointTrajectory, joints: Sequence[str]) -> list[int]:
+    if sorted(message.joint_names) != sorted(joints):
+        raise TrajectoryError(
+            f"the trajectory is for the joints {', '.join(message.joint_names) or '(none)'}; "
+            f"expected {', '.join(joints)}"
+        )
+    return [message.joint_names.index(joint) for joint in joints]
+
+
+def _times(message: JointTrajectory) -> IntArray:
+    return np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
+
+
+def _values(message: JointTrajectory, field: str, columns: list[int]) -> FloatArray:
+    values = np.full((len(message.points), len(columns)), np.nan)
+    for k, point in enumerate(message.points):
+        row = getattr(point, field)
+        if len(row) != len(columns):
+            raise TrajectoryError(f"point {k} has {len(row)} {field}; expected {len(columns)}")
+        values[k] = row
+    return values[:, columns]

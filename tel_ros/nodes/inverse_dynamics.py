@@ -1,0 +1,138 @@
+"""The inverse-dynamics network as a service: predict, train on bags, save, load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rclpy.node import Node
+from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, TrainOnTrials
+
+from tel_ros.core.config import Config
+from tel_ros.core.errors import TelError, TrainingError
+from tel_ros.core.learning.inputs import InputRange, query_inputs
+from tel_ros.core.learning.inverse_dynamics import LmsTreeInverseDynamics, TrainingOutcome
+from tel_ros.core.learning.signals import training_samples
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.nodes.conversions import to_desired, to_trajectory_message
+from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.runner import run_node
+from tel_ros.recording import topics
+from tel_ros.recording.network_file import load_network, revision, save_network
+from tel_ros.recording.trial_bag import read_trial
+from tel_ros.recording.waypoint_file import load_path
+
+
+def new_network(config: Config) -> LmsTreeInverseDynamics:
+    """Return an untrained network whose input ranges cover the goal movement."""
+    path = load_path(config.path, config.arm)
+    goal = sample(path, config.practice.goal_duration_s, config.control.rate_hz)
+    input_range = InputRange.covering(goal, config.learning.input_margin)
+    return LmsTreeInverseDynamics(config.arm.joints, input_range, config.learning, config.seed)
+
+
+class InverseDynamicsNode(Node):
+    """Holds the network. Whatever goes wrong, the network stays as it was."""
+
+    def __init__(self) -> None:
+        super().__init__("inverse_dynamics")
+        self._config = load_parameters(self, "arm", "path", "practice", "control", "learning", "seed")
+        self._network = new_network(self._config)
+        self.create_service(PredictEquilibrium, topics.PREDICT, self._predict)
+        self.create_service(TrainOnTrials, topics.TRAIN, self._train)
+        self.create_service(SaveNetwork, topics.SAVE, self._save)
+        self.create_service(LoadNetwork, topics.LOAD, self._load)
+
+    def _predict(
+        self, request: PredictEquilibrium.Request, response: PredictEquilibrium.Response
+    ) -> PredictEquilibrium.Response:
+        try:
+            desired = to_desired(request.desired, self._network.joints)
+        except TelError as error:
+            return self._refuse(response, error)
+        inputs = query_inputs(desired, 1.0 / self._config.control.rate_hz)
+        equilibrium = desired.position_rad + self._network.predict(inputs)
+        response.equilibrium = to_trajectory_message(self._network.joints, desired.time_ns, equilibrium)
+        response.revision = revision(self._network)
+        response.success = True
+        return response
+
+    def _train(
+        self, request: TrainOnTrials.Request, response: TrainOnTrials.Response
+    ) -> TrainOnTrials.Response:
+        try:
+            mode = request.training or self._config.learning.training
+            if mode not in ("actual", "desired"):
+                raise TrainingError(f"training is {mode!r}; expected 'actual' or 'desired'")
+            if not request.bags:
+                raise TrainingError("bags is empty; expected at least one bag to learn from")
+            network, outcomes = self._network, []
+            for bag in request.bags:
+                trial = read_trial(Path(bag))
+                if trial.joints != network.joints:
+                    raise TrainingError(
+                        f"{bag} is of the joints {', '.join(trial.joints)}; expected {', '.join(network.joints)}"
+                    )
+                samples = training_samples(trial.signals(), self._config.learning.filter_cutoff_hz)
+                network, outcome = network.trained_on(samples, mode)
+                outcomes.append(outcome)
+                response.samples += len(samples.offset_rad)
+        except TelError as error:
+            return self._refuse(response, error)
+        self._network = network
+        _fill(response, outcomes)
+        response.subtrees = [tree.n_subtrees for tree in network.trees]
+        response.revision = revision(network)
+        response.success = True
+        self.get_logger().info(
+            f"learned from {response.samples} samples: error {response.training_rms_before_rad:.4f} → "
+            f"{response.training_rms_after_rad:.4f} rad"
+        )
+        return response
+
+    def _save(self, request: SaveNetwork.Request, response: SaveNetwork.Response) -> SaveNetwork.Response:
+        try:
+            save_network(self._network, Path(request.path))
+        except TelError as error:
+            return self._refuse(response, error)
+        response.revision, response.success = revision(self._network), True
+        return response
+
+    def _load(self, request: LoadNetwork.Request, response: LoadNetwork.Response) -> LoadNetwork.Response:
+        try:
+            network = load_network(Path(request.path))
+            if network.joints != self._network.joints:
+                raise TrainingError(
+                    f"{request.path} is for the joints {', '.join(network.joints)}; "
+                    f"expected {', '.join(self._network.joints)}"
+                )
+        except TelError as error:
+            return self._refuse(response, error)
+        self._network = network
+        response.revision, response.success = revision(network), True
+        return response
+
+    def _refuse(self, response, error: TelError):  # noqa: ANN001, ANN202 - any of the four responses
+        self.get_logger().error(str(error))
+        response.success, response.message = False, str(error)
+        return response
+
+
+def _fill(response: TrainOnTrials.Response, outcomes: Sequence[TrainingOutcome]) -> None:
+    def rms(values: Sequence[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    response.training_rms_before_rad = rms([outcome.rms_before_rad for outcome in outcomes])
+    response.training_rms_after_rad = rms([outcome.rms_after_rad for outcome in outcomes])
+    response.rms_command_change_rad = rms([outcome.rms_command_change_rad for outcome in outcomes])
+    response.grown = [text for outcome in outcomes for text in outcome.grown]
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(InverseDynamicsNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,258 @@
+"""The practice manager: asks the strategy for trials and takes each from the plan to the lesson learned."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Bool
+from tel_interfaces.action import ExecuteTrial, Practice
+from tel_interfaces.msg import TrialResult
+from tel_interfaces.srv import (
+    PredictEquilibrium,
+    SaveNetwork,
+    StartRecording,
+    StopRecording,
+    TrainOnTrials,
+)
+
+from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.errors import TelError
+from tel_ros.core.practice.strategy import PlannedTrial, make_strategy
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import desired_message, to_report
+from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.progress import Progress
+from tel_ros.nodes.runner import run_node
+from tel_ros.nodes.waiting import NoAnswerError, call, send_goal, wait
+from tel_ros.recording import topics
+from tel_ros.recording.config_file import dump_config
+from tel_ros.recording.run_folder import NETWORK_FILE, open_run_folder, trial_bag
+from tel_ros.recording.summary import RunSummary, TrialRow
+from tel_ros.recording.waypoint_file import load_path
+
+ANSWER_TIMEOUT_S = 30.0
+SILENCE_TIMEOUT_S = 10.0
+TRAINING_TIMEOUT_S = 600.0
+
+
+class PracticeManagerNode(Node):
+    """Runs one practice run at a time: desired trajectory → predict → record → execute → train."""
+
+    def __init__(self) -> None:
+        super().__init__("practice_manager")
+        self._config = load_parameters(
+            self, "arm", "path", "run", "practice", "learning", "control", "sim", "seed"
+        )
+        self._path = load_path(self._config.path, self._config.arm)
+        group = ReentrantCallbackGroup()
+        self._predict = self.create_client(PredictEquilibrium, topics.PREDICT, callback_group=group)
+        self._train = self.create_client(TrainOnTrials, topics.TRAIN, callback_group=group)
+        self._save = self.create_client(SaveNetwork, topics.SAVE, callback_group=group)
+        self._start_recording = self.create_client(
+            StartRecording, topics.START_RECORDING, callback_group=group
+        )
+        self._stop_recording = self.create_client(StopRecording, topics.STOP_RECORDING, callback_group=group)
+        self._execute = ActionClient(self, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
+        self._busy = self._stopping = False
+        self._written = self._config
+        self._ready = threading.Event()
+        self.create_subscription(Bool, topics.READY, self._on_ready, qos.LATCHED, callback_group=group)
+        self._server = ActionServer(
+            self,
+            Practice,
+            topics.PRACTICE,
+            execute_callback=self._practise,
+            goal_callback=self._consider,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+
+    def stop(self) -> None:
+        """Cancel the trial that is under way and end the run."""
+        self._stopping = True
+
+    @property
+    def stopped(self) -> bool:
+        """Whether no run is under way any more."""
+        return not self._busy
+
+    def _on_ready(self, message: Bool) -> None:
+        if message.data:
+            self._ready.set()
+        else:
+            self._ready.clear()
+
+    def _consider(self, goal: Practice.Goal) -> GoalResponse:
+        if self._busy or self._stopping:
+            self.get_logger().warning("goal rejected: another practice run is under way")
+            return GoalResponse.REJECT
+        self._busy = True
+        return GoalResponse.ACCEPT
+
+    def _practise(self, goal_handle: ServerGoalHandle) -> Practice.Result:
+        result = Practice.Result(run_dir=goal_handle.request.run_dir)
+        try:
+            folder = Path(goal_handle.request.run_dir)
+            self._written = open_run_folder(folder, self._config)
+            summary = RunSummary(folder, self._written)
+            self._run(goal_handle, folder, summary, result)
+            result.outcome, result.message = summary.outcome, summary.message
+        except TelError as error:
+            result.outcome, result.message = "failed", str(error)
+        finally:
+            self._busy = False
+        if result.outcome == "failed":
+            self.get_logger().error(result.message)
+        if result.outcome == "completed":
+            goal_handle.succeed()
+        elif goal_handle.is_cancel_requested:
+            goal_handle.canceled()
+        else:
+            goal_handle.abort()
+        return result
+
+    def _run(
+        self, goal_handle: ServerGoalHandle, folder: Path, summary: RunSummary, result: Practice.Result
+    ) -> None:
+        strategy = make_strategy(self._config.practice)
+        progress = Progress(goal_handle, strategy.planned_durations_s)
+        last: TrialReport | None = None
+        try:
+            self._wait_for_arm()
+            while not self._cancelled(goal_handle) and (plan := strategy.next(last)) is not None:
+                row, message = self._trial(goal_handle, folder, plan, progress)
+                summary.add(row)
+                last = row.report
+                result.trials.append(message)
+                progress.trial_done(message, row)
+        except TelError as error:
+            summary.end("failed", str(error))
+            raise
+        summary.end(*_ending(last, self._cancelled(goal_handle)))
+
+    def _wait_for_arm(self) -> None:
+        timeout_s = self._config.run.arm_timeout_s
+        if not self._ready.wait(timeout_s):
+            raise NoAnswerError(
+                f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen {topics.JOINT_STATES} "
+                f"with {', '.join(self._config.arm.joints)} and a subscriber of {topics.EFFORT_COMMANDS}"
+            )
+
+    def _trial(
+        self, goal_handle: ServerGoalHandle, folder: Path, plan: PlannedTrial, progress: Progress
+    ) -> tuple[TrialRow, TrialResult]:
+        started = time.monotonic()
+        progress.begin(plan)
+        bag = trial_bag(folder, plan.index)
+        desired = desired_message(
+            self._config.arm.joints, sample(self._path, plan.duration_s, self._config.control.rate_hz)
+        )
+        prediction = call(self._predict, PredictEquilibrium.Request(desired=desired), ANSWER_TIMEOUT_S)
+        metadata = self._metadata(plan, prediction.revision)
+        progress.stage("recording")
+        call(
+            self._start_recording,
+            StartRecording.Request(
+                bag=str(bag),
+                desired=desired,
+                equilibrium=prediction.equilibrium,
+                metadata_keys=list(metadata),
+                metadata_values=list(metadata.values()),
+            ),
+            ANSWER_TIMEOUT_S,
+        )
+        goal = ExecuteTrial.Goal(
+            trial=plan.index, alpha=plan.alpha, desired=desired, equilibrium=prediction.equilibrium
+        )
+        progress.stage("moving")
+        message = self._executed(goal_handle, goal, progress)
+        call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)
+        if message.outcome == TrialResult.REFUSED:
+            raise NoAnswerError(f"trial {plan.index} was refused: {message.message}")
+        report = to_report(message)
+        row = TrialRow(report=report, bag=bag.name, wall_s=0.0)
+        if self._is_worth_learning_from(report):
+            progress.stage("training")
+            self._learn(row, bag, folder)
+        row.wall_s = time.monotonic() - started
+        return row, message
+
+    def _is_worth_learning_from(self, report: TrialReport) -> bool:
+        if report.outcome == Outcome.COMPLETED:
+            return True
+        return (
+            report.outcome == Outcome.ABORTED
+            and self._config.practice.on_abort == "continue"
+            and report.run_ns > 0
+        )
+
+    def _learn(self, row: TrialRow, bag: Path, folder: Path) -> None:
+        trained = call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+        row.training_rms_before_rad = trained.training_rms_before_rad
+        row.training_rms_after_rad = trained.training_rms_after_rad
+        row.rms_command_change_rad = trained.rms_command_change_rad
+        row.grown = list(trained.grown)
+        call(self._save, SaveNetwork.Request(path=str(folder / NETWORK_FILE)), ANSWER_TIMEOUT_S)
+
+    def _executed(
+        self, goal_handle: ServerGoalHandle, goal: ExecuteTrial.Goal, progress: Progress
+    ) -> TrialResult:
+        heard_at = time.monotonic()
+        cancelling = False
+
+        def on_feedback(message) -> None:  # noqa: ANN001 - a type that rclpy makes
+            nonlocal heard_at
+            heard_at = time.monotonic()
+            progress.moving(message.feedback)
+
+        def watch() -> None:
+            nonlocal cancelling
+            if time.monotonic() - heard_at > SILENCE_TIMEOUT_S:
+                raise NoAnswerError(f"{topics.EXECUTE_TRIAL} was silent for {SILENCE_TIMEOUT_S:.0f} s")
+            if self._cancelled(goal_handle) and not cancelling:
+                cancelling = True
+                handle.cancel_goal_async()
+
+        handle = send_goal(self._execute, goal, ANSWER_TIMEOUT_S, on_feedback)
+        return wait(handle.get_result_async(), float("inf"), topics.EXECUTE_TRIAL, watch).result.result
+
+    def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:
+        return self._stopping or goal_handle.is_cancel_requested
+
+    def _metadata(self, plan: PlannedTrial, network_revision: str) -> dict[str, str]:
+        return {
+            "config": dump_config(self._written),
+            "strategy": self._config.practice.strategy,
+            "trial": str(plan.index),
+            "alpha": repr(plan.alpha),
+            "duration_s": repr(plan.duration_s),
+            "seed": str(self._config.seed),
+            "network_revision": network_revision,
+            **{f"version.{name}": version for name, version in self._written.versions.items()},
+        }
+
+
+def _ending(last: TrialReport | None, cancelled: bool) -> tuple[str, str]:
+    """Return the outcome of a run and a line about it, from its last trial."""
+    if last is None or cancelled or last.outcome == Outcome.CANCELLED:
+        return "cancelled", "the run was cancelled"
+    if last.outcome == Outcome.ABORTED:
+        return "aborted", f"trial {last.index} was aborted: {last.message}"
+    return "completed", ""
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(PracticeManagerNode, MultiThreadedExecutor)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""Quality of service of the topics: reliable, as stock ros2_control offers and asks for it."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _reliable(depth: int) -> QoSProfile:
+    return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=depth)
+
+
+STREAM = _reliable(100)
+"""For publishers: leaves a subscriber that must not miss anything the time to ask for it again."""
+NEWEST = _reliable(1)
+"""For control: only the newest message counts."""
+LATCHED = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+)
+"""For a state of affairs: who comes late gets the newest value."""
+EVERYTHING = _reliable(20_000)
+"""For recording: a backlog of several seconds is worked off instead of dropped."""

@@ -1,0 +1,75 @@
+"""Running one node as one process, from start-up to an orderly end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import rclpy
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from tel_ros.core.errors import TelError
+
+EXIT_BAD_INPUT = 2
+_SIGNAL_CHECK_S = 0.05
+_LONGEST_STOP_S = 5.0
+
+
+class Stoppable(Protocol):
+    """A node that has something to bring to an end before it goes."""
+
+    def stop(self) -> None:
+        """Begin to stop."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the node may go now."""
+
+
+def run_node(
+    make_node: Callable[[], Node], make_executor: Callable[[], Executor] = SingleThreadedExecutor
+) -> None:
+    """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
+
+    rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
+    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 5 s at most; a
+    second signal ends it at once. The exit code is 2 if the node could not use what it was given.
+    """
+    stopping: list[float] = []
+
+    def on_signal(number: int, frame: object) -> None:
+        if stopping:
+            raise KeyboardInterrupt
+        stopping.append(time.monotonic())
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node: Node | None = None
+    try:
+        node = make_node()
+        executor = make_executor()
+        executor.add_node(node)
+        # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
+        node.create_timer(_SIGNAL_CHECK_S, lambda: None)
+        while not stopping:
+            executor.spin_once()
+        if hasattr(node, "stop"):
+            node.stop()
+            while not node.stopped and time.monotonic() - stopping[0] < _LONGEST_STOP_S:
+                executor.spin_once()
+        executor.shutdown(timeout_sec=1.0)
+    except KeyboardInterrupt:
+        pass
+    except TelError as error:
+        print(f"{node.get_name() if node else sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()

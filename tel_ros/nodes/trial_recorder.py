@@ -1,0 +1,187 @@
+"""Records each trial to a bag of its own."""
+
+from __future__ import annotations
+
+import struct
+import time
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.srv import StartRecording, StopRecording
+from trajectory_msgs.msg import JointTrajectory
+
+from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
+from tel_ros.nodes.runner import run_node
+from tel_ros.recording import topics
+from tel_ros.recording.bag_writer import TrialBagWriter
+
+DISCOVERY_TIMEOUT_S = 5.0
+DRAIN_TIMEOUT_S = 10.0
+_CHECK_PERIOD_S = 0.02
+_MESSAGE_TYPES = {
+    topics.JOINT_STATES: JointState,
+    topics.EFFORT_COMMANDS: Float64MultiArray,
+    topics.CONTROL_STATES: ControlState,
+}
+
+
+def header_stamp_ns(serialised: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header.
+
+    The stamp lies behind the four bytes that tell the encoding, in the byte order that they tell.
+    """
+    order = "<" if serialised[1] & 1 else ">"
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", serialised, 4)
+    return int(seconds) * NS_PER_S + int(nanoseconds)
+
+
+class TrialRecorderNode(Node):
+    """Writes serialised messages as they come, in the arm's own time.
+
+    A message's time in the bag is the stamp of its header; a command's is that of the joint state that it
+    answers. So a bag plays at the pace of the arm, however fast or slow the graph ran.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("trial_recorder")
+        self._writer: TrialBagWriter | None = None
+        self._stamps: dict[str, list[int]] = {}
+        for topic, kind in _MESSAGE_TYPES.items():
+            self.create_subscription(
+                kind, topic, lambda raw, topic=topic: self._record(topic, raw), qos.EVERYTHING, raw=True
+            )
+        self.create_service(StartRecording, topics.START_RECORDING, self._start)
+        self.create_service(StopRecording, topics.STOP_RECORDING, self._stop_recording)
+
+    def destroy_node(self) -> None:
+        """Leave an open bag among the unfinished ones."""
+        if self._writer is not None:
+            self._writer.abandon()
+        super().destroy_node()
+
+    def _record(self, topic: str, raw: bytes) -> None:
+        if self._writer is None:
+            return
+        if topic == topics.EFFORT_COMMANDS:
+            stamp_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray)) or self._newest_ns()
+        else:
+            stamp_ns = header_stamp_ns(raw)
+        stamps = self._stamps[topic]
+        if stamps and stamps[-1] == stamp_ns:
+            return  # an arm in lockstep repeats its state until it gets an answer
+        self._writer.write(topic, stamp_ns, raw)
+        stamps.append(stamp_ns)
+
+    def _newest_ns(self) -> int:
+        states = self._stamps[topics.JOINT_STATES]
+        return states[-1] if states else 0
+
+    def _has_all_until(self, end_ns: int) -> bool:
+        return all(stamps and stamps[-1] >= end_ns for stamps in self._stamps.values())
+
+    async def _start(
+        self, request: StartRecording.Request, response: StartRecording.Response
+    ) -> StartRecording.Response:
+        bag = Path(request.bag)
+        try:
+            if self._writer is not None:
+                raise BagError(bag, f"{self._writer.bag} is being recorded", "one recording at a time")
+            await self._until(lambda: not self._unpublished(), DISCOVERY_TIMEOUT_S)
+            if self._unpublished():
+                missing = ", ".join(self._unpublished())
+                raise BagError(bag, f"nobody publishes {missing}", "all topics of a trial")
+            metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
+            self._writer = TrialBagWriter(bag, metadata)
+        except (TelError, ValueError) as error:
+            self.get_logger().error(str(error))
+            response.message = str(error)
+            return response
+        self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
+        self._goal = {
+            topics.DESIRED_TRAJECTORY: request.desired,
+            topics.EQUILIBRIUM_TRAJECTORY: request.equilibrium,
+        }
+        response.success = True
+        return response
+
+    async def _stop_recording(
+        self, request: StopRecording.Request, response: StopRecording.Response
+    ) -> StopRecording.Response:
+        if self._writer is None:
+            response.message = "nothing is being recorded"
+            return response
+        writer, result = self._writer, request.result
+        response.bag = str(writer.bag)
+        try:
+            end_ns = time_ns(result.end_stamp)
+            await self._until(lambda: result.ticks == 0 or self._has_all_until(end_ns), DRAIN_TIMEOUT_S)
+            self._writer = None
+            response.dropped = self._dropped(result)
+            if response.dropped:
+                writer.abandon()
+                raise BagError(
+                    writer.bag,
+                    f"{response.dropped} of the trial's {result.ticks} control states did not arrive",
+                    "all of them; the bag is left unfinished",
+                )
+            self._write_once(writer, result)
+            writer.close()
+        except TelError as error:
+            self._writer = None
+            self.get_logger().error(str(error))
+            response.message = str(error)
+            return response
+        response.topics, response.message_counts = list(writer.counts), list(writer.counts.values())
+        response.success = True
+        return response
+
+    async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
+        """Let other callbacks run until a condition holds, or will not any more."""
+        if condition():
+            return
+        over: Future = Future()
+        end = time.monotonic() + timeout_s
+
+        def check() -> None:
+            if not over.done() and (condition() or time.monotonic() > end):
+                over.set_result(None)
+
+        timer = self.create_timer(_CHECK_PERIOD_S, check)
+        await over
+        self.destroy_timer(timer)
+
+    def _unpublished(self) -> list[str]:
+        return [topic for topic in topics.RECORDED_LIVE if self.count_publishers(topic) == 0]
+
+    def _dropped(self, result: TrialResult) -> int:
+        stamps = self._stamps[topics.CONTROL_STATES]
+        first = bisect_left(stamps, time_ns(result.start_stamp))
+        arrived = bisect_right(stamps, time_ns(result.end_stamp)) - first
+        return max(0, result.ticks - arrived)
+
+    def _write_once(self, writer: TrialBagWriter, result: TrialResult) -> None:
+        """Add the goal at the beginning of RUN and the result at the end."""
+        run_ns = time_ns(result.run_stamp) or time_ns(result.start_stamp)
+        for topic, trajectory in self._goal.items():
+            if isinstance(trajectory, JointTrajectory) and trajectory.points:
+                writer.write(topic, run_ns, serialize_message(trajectory))
+        writer.write(topics.TRIAL_RESULT, time_ns(result.end_stamp), serialize_message(result))
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(TrialRecorderNode)
+
+
+if __name__ == "__main__":
+    main()

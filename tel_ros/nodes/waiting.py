@@ -1,0 +1,69 @@
+"""Waiting for other nodes from inside a callback, with a time-out and a clear message."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionClient
+from rclpy.client import Client
+from rclpy.task import Future
+
+from tel_ros.core.errors import TelError
+
+
+class NoAnswerError(TelError):
+    """Another node is not there, does not answer, or says that it failed."""
+
+
+def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] = lambda: None) -> Any:
+    """Return a future's result; some other thread has to spin the node.
+
+    Args:
+        future: what to wait for.
+        timeout_s: wall clock.
+        what: for the message, as in "what did not answer".
+        poll: called ten times a second meanwhile; may raise to end the waiting.
+
+    Raises:
+        NoAnswerError: the time is over.
+    """
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    waited_s = 0.0
+    while not done.wait(0.1):
+        waited_s += 0.1
+        poll()
+        if waited_s > timeout_s:
+            raise NoAnswerError(f"{what} did not answer within {timeout_s:.1f} s")
+    return future.result()
+
+
+def call(client: Client, request: Any, timeout_s: float) -> Any:
+    """Call a service whose response has ``success`` and ``message``.
+
+    Raises:
+        NoAnswerError: it is not there, does not answer in time, or did not succeed.
+    """
+    if not client.wait_for_service(timeout_sec=timeout_s):
+        raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
+    response = wait(client.call_async(request), timeout_s, client.srv_name)
+    if not response.success:
+        raise NoAnswerError(f"{client.srv_name}: {response.message}")
+    return response
+
+
+def send_goal(client: ActionClient, goal: Any, timeout_s: float, on_feedback: Callable[[Any], None]) -> Any:
+    """Send an action goal and return its handle once it has been accepted.
+
+    Raises:
+        NoAnswerError: there is no such action, it does not answer in time, or it rejects the goal.
+    """
+    name = client._action_name  # rclpy gives no public access to it
+    if not client.wait_for_server(timeout_sec=timeout_s):
+        raise NoAnswerError(f"there is no action {name} (waited {timeout_s:.1f} s)")
+    handle = wait(client.send_goal_async(goal, feedback_callback=on_feedback), timeout_s, name)
+    if not handle.accepted:
+        raise NoAnswerError(f"{name} rejected the goal")
+    return handle

@@ -1,0 +1,247 @@
+"""Reading a practice run's YAML into records that check themselves, and writing it back.
+
+A library checks structure and types; what values make sense is checked by the records in
+:mod:`tel_ros.core.config`. Every complaint names the file or option, the key, the value and what was expected.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import pydantic
+import yaml
+
+from tel_ros.core.config import Config
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.recording.shared_files import share_folder
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
+
+SourceOf = Callable[[str], str | None]
+"""From a dotted key to the file or option that it came from."""
+
+_PYDANTIC_1 = pydantic.VERSION.startswith("1.")
+
+
+def _model_of(record: Any) -> type[pydantic.BaseModel]:
+    """Return a model with the fields of a dataclass that refuses unknown keys, nested ones included."""
+    fields: dict[str, Any] = {}
+    hints = get_type_hints(record)
+    for field in dataclasses.fields(record):
+        hint = hints[field.name]
+        required = field.default is field.default_factory is dataclasses.MISSING
+        kind = _model_of(hint) if dataclasses.is_dataclass(hint) else hint
+        fields[field.name] = (kind, ... if required else None)
+    config: Any = type("Config", (), {"extra": "forbid"}) if _PYDANTIC_1 else {"extra": "forbid"}
+    return pydantic.create_model(record.__name__, __config__=config, **fields)
+
+
+_MODEL = _model_of(Config)
+
+
+def default_config_file() -> Path:
+    """Return the paper's protocol, as it lies in a checkout or as it was installed."""
+    checkout = Path(__file__).parents[2]
+    if (checkout / "config" / "paper.yaml").is_file():
+        return checkout / "config" / "paper.yaml"
+    return share_folder("tel_ros") / "config" / "paper.yaml"
+
+
+def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
+    """Read a practice run, with the arm that it names, and check all of it.
+
+    Args:
+        path: YAML file. Its key ``arm`` is the name of an arm description (relative to the file) or the
+            description itself; ``path.file`` is relative to the file, ``arm.urdf`` to the arm description.
+        overrides: ``a.b=c`` assignments that take the place of values in the files; c is YAML.
+
+    Returns:
+        The configuration, with absolute file names and the limits of the joints filled from the URDF.
+
+    Raises:
+        InputFileError: a file is missing or unreadable.
+        ConfigError: a key is unknown, or a value is wrong.
+    """
+    path = Path(path)
+    raw = _read_yaml(path)
+    arm_path = path
+    if isinstance(raw.get("arm"), str):
+        arm_path = path.parent / raw["arm"]
+        raw["arm"] = _read_yaml(arm_path)
+    _resolve(raw, "path", "file", path.parent)
+    _resolve(raw, "arm", "urdf", arm_path.parent)
+    options = dict(_override(raw, assignment) for assignment in overrides)
+
+    def source_of(key: str) -> str:
+        for option, text in options.items():
+            if key == option or key.startswith(f"{option}."):
+                return f"--set {text}"
+        return str(arm_path if key.split(".")[0] == "arm" else path)
+
+    config = config_from(raw, source_of)
+    return _with_urdf_limits(config, source_of)
+
+
+def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) -> Config:
+    """Check nested plain values and return them as a configuration.
+
+    Args:
+        raw: as read from YAML.
+        source_of: from a dotted key to the file or option that it came from, for messages.
+
+    Raises:
+        ConfigError: a key is unknown, or a value is wrong.
+    """
+    try:
+        model = _MODEL.parse_obj(raw) if _PYDANTIC_1 else _MODEL.model_validate(raw)
+    except pydantic.ValidationError as error:
+        raise _first_complaint(error, raw, source_of) from None
+    given = model.dict(exclude_unset=True) if _PYDANTIC_1 else model.model_dump(exclude_unset=True)
+    config: Config = _build(Config, given, "", source_of)
+    return config
+
+
+def to_plain(config: Config) -> dict[str, Any]:
+    """Return a configuration as nested dictionaries, lists and scalars."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: plain(item) for key, item in value.items()}
+        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+    result: dict[str, Any] = plain(dataclasses.asdict(config))
+    return result
+
+
+def dump_config(config: Config) -> str:
+    """Return a configuration as YAML that :func:`load_config` reads back."""
+    return str(yaml.safe_dump(to_plain(config), sort_keys=False, default_flow_style=None, allow_unicode=True))
+
+
+def flat_values(config: Config) -> dict[str, Any]:
+    """Return a configuration as dotted keys and their values (lists for tuples)."""
+    flat: dict[str, Any] = {}
+    for section, values in to_plain(config).items():
+        if isinstance(values, dict):
+            flat.update({f"{section}.{key}": value for key, value in values.items()})
+        else:
+            flat[section] = values
+    return flat
+
+
+def with_values(config: Config, values: Mapping[str, Any], source: str) -> Config:
+    """Return a configuration with other values for some dotted keys, checked like any other.
+
+    Raises:
+        ConfigError: a key is unknown, or a value is wrong.
+    """
+    raw = to_plain(config)
+    for key, value in values.items():
+        _assign(raw, key, value, source)
+    return config_from(raw, lambda key: source if key in values else None)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputFileError(path, "there is no such file", "a YAML file")
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputFileError(path, f"not readable as YAML ({' '.join(str(error).split())})", "YAML") from None
+    if not isinstance(raw, dict):
+        raise InputFileError(path, f"holds {type(raw).__name__}", "keys and values")
+    return raw
+
+
+def _resolve(raw: dict[str, Any], section: str, key: str, folder: Path) -> None:
+    values = raw.get(section)
+    if isinstance(values, dict) and isinstance(values.get(key), str) and values[key]:
+        values[key] = str((folder / values[key]).resolve())
+
+
+def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
+    key, equals, text = assignment.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise ConfigError("--set", assignment, "an assignment such as control.corridor_rad=0.5")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise ConfigError(key, text, "a value in YAML", f"--set {assignment}") from None
+    if key in ("arm.urdf", "path.file") and isinstance(value, str) and value:
+        value = str(Path(value).resolve())
+    if key == "path.file" and value and isinstance(raw.get("path"), dict):
+        raw["path"].pop("name", None)
+    _assign(raw, key, value, f"--set {assignment}")
+    return key, assignment
+
+
+def _assign(raw: dict[str, Any], key: str, value: Any, source: str) -> None:
+    *sections, name = key.split(".")
+    values = raw
+    for section in sections:
+        values = values.setdefault(section, {})
+        if not isinstance(values, dict):
+            raise ConfigError(key, value, f"a key ({section} is a single value)", source)
+    values[name] = value
+
+
+def _first_complaint(
+    error: pydantic.ValidationError, raw: Mapping[str, Any], source_of: SourceOf
+) -> ConfigError:
+    complaint = error.errors()[0]
+    where = [str(part) for part in complaint["loc"]]
+    key = ".".join(where)
+    value: Any = raw
+    record: Any = Config
+    for part in complaint["loc"]:
+        value = value.get(part, "missing") if isinstance(value, Mapping) else _item(value, part)
+        hint = get_type_hints(record).get(str(part)) if dataclasses.is_dataclass(record) else None
+        record = hint if dataclasses.is_dataclass(hint) else record
+    kind = str(complaint["type"])
+    if "extra" in kind:
+        known = ", ".join(field.name for field in dataclasses.fields(record))
+        return ConfigError(key, value, f"a known key: {known}", source_of(key))
+    expected = "a value" if "missing" in kind else str(complaint["msg"]).removeprefix("Input should be ")
+    return ConfigError(key, value, expected, source_of(key))
+
+
+def _item(value: Any, part: Any) -> Any:
+    try:
+        return value[part]
+    except (TypeError, IndexError, KeyError):
+        return value
+
+
+def _build(record: Any, given: Mapping[str, Any], section: str, source_of: SourceOf) -> Any:
+    hints = get_type_hints(record)
+    values = {}
+    for key, value in given.items():
+        hint = hints[key]
+        if dataclasses.is_dataclass(hint):
+            value = _build(hint, value, f"{section}.{key}" if section else key, source_of)
+        values[key] = value
+    try:
+        return record(**values)
+    except ConfigError as error:
+        full = error.inside(section)
+        raise full.inside("", source_of(full.key)) from None
+
+
+def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:
+    arm = config.arm
+    urdf = read_urdf(Path(arm.urdf))
+    try:
+        limits = joint_limits(urdf, arm.joints)
+        chain_to_hand(urdf, arm.joints, arm.hand_link)
+        filled = dataclasses.replace(
+            arm,
+            position_min_rad=arm.position_min_rad or limits.position_min_rad,
+            position_max_rad=arm.position_max_rad or limits.position_max_rad,
+            velocity_limit_rad_s=arm.velocity_limit_rad_s or limits.velocity_rad_s,
+        )
+    except ConfigError as error:
+        raise error.inside("arm", source_of(f"arm.{error.key}")) from None
+    return dataclasses.replace(config, arm=filled)

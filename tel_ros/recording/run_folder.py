@@ -1,0 +1,125 @@
+"""The folder of a practice run: configuration, bags, network and summary."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import platform
+import shutil
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tel_ros import __version__
+from tel_ros.core.config import Config
+from tel_ros.core.errors import InputFileError
+from tel_ros.recording.config_file import config_from, dump_config
+
+CONFIG_FILE = "run.yaml"
+SUMMARY_FILE = "summary.json"
+NETWORK_FILE = "network/network.npz"
+REPORT_FILE = "report.html"
+LOG_FOLDER = "log"
+
+_PACKAGES = ("numpy", "scipy", "rosbags", "pybullet")
+
+
+def create_run_folder(folder: Path, config: Config) -> Config:
+    """Make a folder for a run and write the configuration into it, complete with the files that it names.
+
+    Returns:
+        The configuration as written, with the copies in the folder instead of the original files.
+
+    Raises:
+        InputFileError: the folder exists or cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise InputFileError(folder, "exists already", "a folder that is new (option --out)") from None
+    except OSError as error:
+        raise InputFileError(
+            folder, f"cannot be made ({error.strerror})", "a folder that can be written"
+        ) from error
+    urdf = Path(shutil.copy(config.arm.urdf, folder)).name
+    path_file = Path(shutil.copy(config.path.file, folder)).name if config.path.file else ""
+    written = dataclasses.replace(
+        config,
+        arm=dataclasses.replace(config.arm, urdf=urdf),
+        path=dataclasses.replace(config.path, file=path_file),
+        versions=_versions(),
+    )
+    write_atomically(folder / CONFIG_FILE, dump_config(written))
+    return written
+
+
+def open_run_folder(folder: Path, config: Config) -> Config:
+    """Return the configuration that is written in the folder of a new run; a missing folder is made.
+
+    Raises:
+        InputFileError: the folder holds more than a run's configuration, or cannot be made.
+        ConfigError: its configuration is wrong.
+    """
+    if not folder.exists():
+        return create_run_folder(folder, config)
+    if (folder / SUMMARY_FILE).exists() or not (folder / CONFIG_FILE).exists():
+        raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
+    return config_from(yaml.safe_load((folder / CONFIG_FILE).read_text(encoding="utf-8")))
+
+
+def trial_bag(folder: Path, index: int) -> Path:
+    """Return the folder of a trial's bag."""
+    return folder / f"trial_{index:03d}"
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write the summary of a run, atomically; numbers that are not finite become null."""
+    write_atomically(folder / SUMMARY_FILE, json.dumps(_json_ready(summary), indent=2) + "\n")
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return the summary of a run.
+
+    Raises:
+        InputFileError: there is none, or it is not readable.
+    """
+    file = folder / SUMMARY_FILE
+    try:
+        summary: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputFileError(file, "there is no such file", "the folder of a practice run") from None
+    except (OSError, ValueError) as error:
+        raise InputFileError(file, f"not readable ({error})", "the summary of a practice run") from error
+    return summary
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a text file so that a reader finds the old one or the new one, never half of one."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with beside.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+def _json_ready(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_ready(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _versions() -> dict[str, str]:
+    versions = {"tel_ros": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions

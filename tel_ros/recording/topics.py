@@ -1,0 +1,36 @@
+"""Names of the topics, services and actions, and the types of what is recorded."""
+
+JOINT_STATES = "/joint_states"
+"""sensor_msgs/JointState, as stock ``joint_state_broadcaster`` publishes it."""
+EFFORT_COMMANDS = "/effort_controller/commands"
+"""std_msgs/Float64MultiArray, as a stock ``JointGroupEffortController`` takes it."""
+CONTROL_STATES = "/ep_controller/state"
+READY = "/ep_controller/ready"
+"""std_msgs/Bool, latched: joint states arrive at the controller and somebody listens to its commands."""
+
+DESIRED_TRAJECTORY = "/practice/desired_trajectory"
+EQUILIBRIUM_TRAJECTORY = "/practice/equilibrium_trajectory"
+TRIAL_RESULT = "/practice/trial_result"
+
+EXECUTE_TRIAL = "/execute_trial"
+PRACTICE = "/practice"
+PREDICT = "/inverse_dynamics/predict"
+TRAIN = "/inverse_dynamics/train"
+SAVE = "/inverse_dynamics/save"
+LOAD = "/inverse_dynamics/load"
+START_RECORDING = "/trial_recorder/start"
+STOP_RECORDING = "/trial_recorder/stop"
+
+RECORDED_LIVE = {
+    JOINT_STATES: "sensor_msgs/msg/JointState",
+    EFFORT_COMMANDS: "std_msgs/msg/Float64MultiArray",
+    CONTROL_STATES: "tel_interfaces/msg/ControlState",
+}
+"""Taken from the graph while a trial runs: topic to type."""
+
+RECORDED_ONCE = {
+    DESIRED_TRAJECTORY: "trajectory_msgs/msg/JointTrajectory",
+    EQUILIBRIUM_TRAJECTORY: "trajectory_msgs/msg/JointTrajectory",
+    TRIAL_RESULT: "tel_interfaces/msg/TrialResult",
+}
+"""Written into each bag once, at its beginning or end: topic to type."""

@@ -1,0 +1,156 @@
+"""Reading a trial back from its bag."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rosbags.highlevel import AnyReader, AnyReaderError
+
+from tel_ros.core.control.records import Outcome, Phase
+from tel_ros.core.errors import BagError
+from tel_ros.core.learning.signals import TrialSignals
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
+from tel_ros.recording import topics
+
+
+@dataclass(frozen=True)
+class RecordedTrial:
+    """One trial as it lies in its bag; arrays have one row a tick.
+
+    Args:
+        bag: folder of the bag.
+        metadata: what was stored beside the messages.
+        joints: names, in the order of the columns.
+        index: number of the trial.
+        outcome: how it ended.
+        message: why it was aborted or cancelled.
+        duration_s: of the desired trajectory.
+        time_ns: stamps of the joint states that were answered. Shape (n,).
+        phase: numbers of :class:`Phase`. Shape (n,).
+        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
+        equilibrium_rad: û. Shape (n, n_joints).
+        position_rad: ŷ as measured. Shape (n, n_joints).
+        velocity_rad_s: as measured. Shape (n, n_joints).
+        effort_nm: as commanded. Shape (n, n_joints).
+        saturated: whether the effort was clipped. Shape (n, n_joints).
+    """
+
+    bag: Path
+    metadata: Mapping[str, str]
+    joints: tuple[str, ...]
+    index: int
+    outcome: Outcome
+    message: str
+    duration_s: float
+    time_ns: IntArray
+    phase: IntArray
+    desired: FloatArray
+    equilibrium_rad: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+    saturated: BoolArray
+
+    @property
+    def run(self) -> BoolArray:
+        """Which ticks belong to RUN. Shape (n,)."""
+        run: BoolArray = self.phase == Phase.RUN
+        return run
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time since the first tick of RUN, or since the first tick if there was none. Shape (n,)."""
+        start = int(np.argmax(self.run)) if self.run.any() else 0
+        time_s: FloatArray = (self.time_ns - self.time_ns[start]) / NS_PER_S
+        return time_s
+
+    def signals(self) -> TrialSignals:
+        """Return what the network learns from: the ticks from the start posture on, before any stop."""
+        rows = np.isin(self.phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
+        return TrialSignals(
+            time_ns=self.time_ns[rows],
+            run=self.run[rows],
+            desired=self.desired[rows],
+            position_rad=self.position_rad[rows],
+            equilibrium_rad=self.equilibrium_rad[rows],
+        )
+
+
+def read_trial(bag: Path) -> RecordedTrial:
+    """Read a trial and check that it is whole.
+
+    Raises:
+        BagError: there is no closed bag, it does not hold what a trial holds, it yields fewer messages than
+            it announces, or fewer control states than the trial had ticks.
+    """
+    metadata = _metadata(bag)
+    try:
+        with AnyReader([bag]) as reader:
+            states = _messages(reader, bag, topics.CONTROL_STATES)
+            results = _messages(reader, bag, topics.TRIAL_RESULT)
+    except (AnyReaderError, OSError, ValueError) as error:
+        raise BagError(bag, f"cannot be read ({error})", "a closed rosbag2 folder of a trial") from error
+    if len(results) != 1:
+        raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
+    result = results[0]
+    states = [state for state in states if state.trial == result.index]
+    if len(states) < result.ticks or not states:
+        raise BagError(
+            bag, f"holds {len(states)} control states", f"at least the trial's {result.ticks} ticks"
+        )
+
+    def column(name: str) -> Any:
+        return np.array([getattr(state, name) for state in states])
+
+    desired = [
+        column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+    ]
+    return RecordedTrial(
+        bag=bag,
+        metadata=metadata,
+        joints=tuple(result.joint_names),
+        index=int(result.index),
+        outcome=Outcome(result.outcome),
+        message=str(result.message),
+        duration_s=float(result.duration_s),
+        time_ns=np.array(
+            [s.header.stamp.sec * NS_PER_S + s.header.stamp.nanosec for s in states], dtype=np.int64
+        ),
+        phase=column("phase").astype(np.int64),
+        desired=np.hstack(desired),
+        equilibrium_rad=column("equilibrium_rad"),
+        position_rad=column("position_rad"),
+        velocity_rad_s=column("velocity_rad_s"),
+        effort_nm=column("effort_nm"),
+        saturated=column("saturated").astype(bool),
+    )
+
+
+def _metadata(bag: Path) -> dict[str, str]:
+    file = bag / "metadata.yaml"
+    if not file.is_file():
+        found = "there is no such folder" if not bag.is_dir() else "has no metadata.yaml: it was never closed"
+        raise BagError(bag, found, "a closed rosbag2 folder of a trial")
+    try:
+        information = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        return dict(information.get("custom_data") or {})
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+        raise BagError(file, f"not readable ({error})", "the metadata of a rosbag2 folder") from error
+
+
+def _messages(reader: AnyReader, bag: Path, topic: str) -> list[Any]:
+    connections = [c for c in reader.connections if c.topic == topic]
+    if not connections:
+        raise BagError(bag, f"has no topic {topic}", "a bag of a trial")
+    messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=connections)]
+    announced = sum(connection.msgcount for connection in connections)
+    if len(messages) != announced:
+        raise BagError(
+            bag, f"yields {len(messages)} messages of {topic}", f"the {announced} that it announces"
+        )
+    return messages

@@ -1,0 +1,54 @@
+#!/usr/bin/env bash
+# Usage: tools/build_interfaces.sh VENV
+# Builds tel_interfaces against the ROS wheels of a virtual environment and installs it into the same
+# environment, where Python finds it without sourcing anything.
+set -euo pipefail
+
+root=$(cd "$(dirname "$0")/.." && pwd)
+venv=$(cd "$1" && pwd)
+build=$venv/build/tel_interfaces
+
+# The ROS wheels restart Python to extend LD_LIBRARY_PATH unless this is set. Building needs none of
+# their libraries, and compilers should not see them.
+export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
+# What a sourced setup file would say.
+export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv PATH=$venv/bin:$PATH
+export ROS_VERSION=2 ROS_PYTHON_VERSION=3 ROS_DISTRO=jazzy
+# cmake runs a build of its own: it is not part of the make above it.
+unset MAKEFLAGS MAKELEVEL MFLAGS
+
+cmake_is_recent() {
+    cmake --version 2>/dev/null | "$venv/bin/python" -c '
+import re, sys
+match = re.search(r"(\d+)\.(\d+)", sys.stdin.readline())
+sys.exit(match is None or (int(match[1]), int(match[2])) < (3, 22))'
+}
+
+wanted=()
+cmake_is_recent || wanted+=(cmake)
+ninja --version >/dev/null 2>&1 || wanted+=(ninja)
+if [ ${#wanted[@]} -gt 0 ]; then
+    "$venv/bin/python" -m pip install --quiet --constraint "$root/constraints.txt" "${wanted[@]}"
+    hash -r
+fi
+
+log=$venv/build/tel_interfaces.log
+quietly() {
+    "$@" >"$log" 2>&1 || {
+        cat "$log" >&2
+        echo "make setup: tel_interfaces could not be built (see above)" >&2
+        exit 1
+    }
+}
+
+rm -rf "$build"
+mkdir -p "$build"
+quietly cmake -S "$root/interfaces" -B "$build" -G Ninja \
+    -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_INSTALL_PREFIX="$venv" \
+    -DCMAKE_PROJECT_INCLUDE="$root/tools/wheel_include_paths.cmake" \
+    -DPython3_EXECUTABLE="$venv/bin/python" \
+    -DBUILD_TESTING=OFF
+quietly cmake --build "$build"
+quietly cmake --install "$build"
+rm -rf "$build"
