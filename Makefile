@@ -36,7 +36,9 @@ INTERFACE_FILES := $(shell find interfaces -type f)
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
 
-setup: $(INTERFACES)  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
+# Locked, because two terminals may ask at the same time: the second waits and finds the work done.
+setup:  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
+	@flock Makefile $(MAKE) --silent --no-print-directory $(INTERFACES)
 
 demo: setup  ## 15 practice trials of the simulated arm
 	$(VENV)/bin/tel practice config/paper.yaml
@@ -60,13 +62,14 @@ $(CREATED):
 # Where there is no wheel (PyBullet on Python 3.12) pip builds from source. Without build isolation it
 # builds with the pinned tools, and PyBullet finds the NumPy that it will be used with.
 $(PACKAGES): $(CREATED) setup.py constraints.txt
-	@echo "Installing packages into $(VENV) (a few minutes the first time)"
+	@echo "Installing packages into $(VENV): a minute or two; on Python 3.12, where PyBullet is compiled, about ten"
 	@$(PIP) install --quiet --constraint constraints.txt setuptools wheel numpy
 	@$(PIP) install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(EXTRAS)]'
 	@touch $@
 
-$(INTERFACES): $(PACKAGES) $(INTERFACE_FILES) tools/build_interfaces.sh tools/wheel_include_paths.cmake
-	@echo "Building tel_interfaces"
+BUILD_FILES := tools/build_interfaces.sh tools/wheel_include_paths.cmake
+$(INTERFACES): $(CREATED) constraints.txt $(INTERFACE_FILES) $(BUILD_FILES) | $(PACKAGES)
+	@echo "Building tel_interfaces: about a minute"
 	@tools/build_interfaces.sh $(VENV)
 	@touch $@
 

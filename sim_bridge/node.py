@@ -50,12 +50,14 @@ class SimBridgeNode(Node):
         self._coasting = False
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
-        self.create_subscription(
+        commands = self.create_subscription(
             Float64MultiArray,
             topics.EFFORT_COMMANDS,
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
         )
+        # In real time the period is kept by a timer, which is the executor's business.
+        self.busy_subscriptions = [commands] if self._lockstep else []
         if self._lockstep:
             self.create_timer(REPEAT_PERIOD_S, self._repeat)
             self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)

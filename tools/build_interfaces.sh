@@ -50,5 +50,8 @@ quietly cmake -S "$root/interfaces" -B "$build" -G Ninja \
     -DPython3_EXECUTABLE="$venv/bin/python" \
     -DBUILD_TESTING=OFF
 quietly cmake --build "$build"
+# Installing adds and replaces; an interface that is gone must not linger.
+rm -rf "$venv"/{include,share}/tel_interfaces "$venv"/lib/libtel_interfaces__* \
+    "$venv"/lib/python3.*/site-packages/tel_interfaces{,-*}
 quietly cmake --install "$build"
 rm -rf "$build"

@@ -30,7 +30,7 @@ _OUT = Console()
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tel")
 def main() -> None:
-    """Robot arms that get better at a movement by practice.
+    r"""Robot arms that get better at a movement by practice.
 
     \b
     tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
@@ -84,8 +84,9 @@ def practice(
     except KeyboardInterrupt:
         _end("interrupted: the arm was brought to rest and all nodes have ended", EXIT_INTERRUPTED, folder)
     summary = read_summary(folder)
-    report_file = _report(folder) if with_report and summary["trials"] else None
-    _show(summary, folder, report_file, as_json)
+    _show(summary, folder, as_json)
+    if with_report and summary["trials"]:
+        _report_at_the_end(folder, as_json)
     if result.outcome == "failed":
         _end(result.message, EXIT_GRAPH_FAILED, folder)
     if result.outcome != "completed":
@@ -108,7 +109,18 @@ def _report(folder: Path) -> Path:
     return write_report(folder)
 
 
-def _show(summary: dict, folder: Path, report_file: Path | None, as_json: bool) -> None:
+def _report_at_the_end(folder: Path, as_json: bool) -> None:
+    """Make the report of a run that has ended; whatever goes wrong with it does not change how the run went."""
+    try:
+        file = _report(folder)
+    except TelError as error:
+        click.echo(f"tel: no report: {error}", err=True)
+        return
+    if not as_json:
+        _OUT.print(f"report  {file}", highlight=False, soft_wrap=True)
+
+
+def _show(summary: dict, folder: Path, as_json: bool) -> None:
     from tel_ros.app.progress_view import trial_table
 
     if as_json:
@@ -116,8 +128,6 @@ def _show(summary: dict, folder: Path, report_file: Path | None, as_json: bool) 
         return
     _OUT.print(trial_table(summary["trials"]))
     _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
-    if report_file:
-        _OUT.print(f"report  {report_file}", highlight=False, soft_wrap=True)
 
 
 def _end(message: str, code: int, folder: Path | None = None) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -51,7 +53,7 @@ class ProgressView:
         """Take in a message about the progress of the run."""
         trial = f"trial {feedback.trial:2d}/{feedback.trials}  α {feedback.alpha:.3f}"
         text = f"{trial}  {feedback.stage:<10}"
-        if feedback.max_error_rad > 0.0:
+        if not math.isnan(feedback.max_error_rad):
             text += f"  error up to {feedback.max_error_rad:.3f} rad"
         self._progress.update(self._task, description=text, completed=feedback.progress)
         for result in feedback.last:
@@ -62,6 +64,7 @@ class ProgressView:
                 f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"
                 f"{self._time_left()}",
                 highlight=False,
+                soft_wrap=True,
             )
 
     def _time_left(self) -> str:
@@ -70,25 +73,24 @@ class ProgressView:
 
 
 def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the trials of a summary as a table."""
-    table = Table(title="Trials", title_justify="left", header_style="bold")
-    for heading in (
-        "trial", "α", "duration\n[s]", "RMS error\n[rad]", "max error\n[rad]", "training error\n[rad]",
-        "command change\n[rad]", "max effort\n[N·m]", "outcome",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading == "outcome" else "right")
+    """Return the trials of a summary as a table that fits 80 columns."""
+    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1), pad_edge=False)
+    table.add_column("trial", justify="right")
+    table.add_column("α", justify="right")
+    table.add_column("duration\ns", justify="right")
+    table.add_column("RMS error\nrad", justify="right")
+    table.add_column("max error\nrad", justify="right")
+    table.add_column("training error\nbefore → after rad", justify="right")
+    table.add_column("outcome")
     for trial in trials:
-        training = f"{_number(trial['training_rms_before_rad'])} → {_number(trial['training_rms_after_rad'])}"
         table.add_row(
             str(trial["index"]),
             f"{trial['alpha']:.3f}",
             f"{trial['duration_s']:.3f}",
             _number(trial["rms_error_rad"]),
             _number(trial["max_error_rad"]),
-            training,
-            _number(trial["rms_command_change_rad"]),
-            f"{max(trial['max_effort_nm']):.2f}",
-            trial["outcome"] + (f": {trial['message']}" if trial["message"] else ""),
+            f"{_number(trial['training_rms_before_rad'])} → {_number(trial['training_rms_after_rad'])}",
+            trial["outcome"],
         )
     return table
 

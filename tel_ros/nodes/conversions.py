@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from tel_interfaces.action import ExecuteTrial
-from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.msg import ControlState, SampledTrajectory, TrialResult
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
@@ -56,9 +56,8 @@ class JointStateReader:
         if names != self._names:
             missing = [joint for joint in self._joints if joint not in names]
             if missing:
-                raise StateError(
-                    f"the joint state has {', '.join(names) or 'no joints'}; expected also {', '.join(missing)}"
-                )
+                found = ", ".join(names) or "no joints"
+                raise StateError(f"the joint state has {found}; expected also {', '.join(missing)}")
             columns = [names.index(joint) for joint in self._joints]
             self._columns = slice(None) if columns == list(range(len(names))) else columns
             self._names = list(names)
@@ -167,12 +166,30 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
         TrajectoryError: other joints, points without positions, velocities or accelerations, or whatever
             :class:`DesiredTrajectory` refuses.
     """
-    columns = _columns(message, joints)
+    columns = _columns(message.joint_names, joints)
     return DesiredTrajectory(
-        time_ns=_times(message),
+        time_ns=np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64),
         position_rad=_values(message, "positions", columns),
         velocity_rad_s=_values(message, "velocities", columns),
         acceleration_rad_s2=_values(message, "accelerations", columns),
+    )
+
+
+def to_goal_message(
+    trial: int, alpha: float, joints: Sequence[str], desired: DesiredTrajectory, equilibrium_rad: FloatArray
+) -> ExecuteTrial.Goal:
+    """Return the goal of a trial as a message."""
+    return ExecuteTrial.Goal(
+        trial=trial,
+        alpha=alpha,
+        desired=SampledTrajectory(
+            joint_names=list(joints),
+            time_ns=array("q", desired.time_ns.tobytes()),
+            position_rad=to_array(desired.position_rad),
+            velocity_rad_s=to_array(desired.velocity_rad_s),
+            acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
+        ),
+        equilibrium_rad=to_array(equilibrium_rad),
     )
 
 
@@ -180,17 +197,27 @@ def to_goal(goal: ExecuteTrial.Goal, joints: Sequence[str]) -> TrialGoal:
     """Return the goal of a trial.
 
     Raises:
-        TrajectoryError: a trajectory is malformed, or the two do not fit together.
+        TrajectoryError: other joints, arrays that do not fit together, or whatever
+            :class:`DesiredTrajectory` and :class:`TrialGoal` refuse.
     """
-    desired = to_desired(goal.desired, joints)
-    times = _times(goal.equilibrium)
-    if not np.array_equal(times, desired.time_ns):
-        raise TrajectoryError(
-            f"the equilibrium trajectory has {len(times)} points, the desired one {len(desired.time_ns)}; "
-            "expected the same times in both"
-        )
-    equilibrium = _values(goal.equilibrium, "positions", _columns(goal.equilibrium, joints))
-    return TrialGoal(goal.trial, goal.alpha, desired, equilibrium)
+    sent = goal.desired
+    columns = _columns(sent.joint_names, joints)
+    shape = (len(sent.time_ns), len(columns))
+
+    def values(name: str, flat: array[float]) -> FloatArray:
+        if len(flat) != shape[0] * shape[1]:
+            raise TrajectoryError(
+                f"{name} has {len(flat)} values; expected {shape[0]} points of {shape[1]} joints"
+            )
+        return np.array(flat).reshape(shape)[:, columns]
+
+    desired = DesiredTrajectory(
+        time_ns=np.array(sent.time_ns, dtype=np.int64),
+        position_rad=values("position_rad", sent.position_rad),
+        velocity_rad_s=values("velocity_rad_s", sent.velocity_rad_s),
+        acceleration_rad_s2=values("acceleration_rad_s2", sent.acceleration_rad_s2),
+    )
+    return TrialGoal(goal.trial, goal.alpha, desired, values("equilibrium_rad", goal.equilibrium_rad))
 
 
 def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult:
@@ -234,17 +261,22 @@ def to_report(message: TrialResult) -> TrialReport:
     )
 
 
-def _columns(message: JointTrajectory, joints: Sequence[str]) -> list[int]:
-    if sorted(message.joint_names) != sorted(joints):
+def _columns(names: Sequence[str], joints: Sequence[str]) -> list[int]:
+    """Return where each of the arm's joints stands in a trajectory."""
+    if sorted(names) != sorted(joints):
         raise TrajectoryError(
-            f"the trajectory is for the joints {', '.join(message.joint_names) or '(none)'}; "
-            f"expected {', '.join(joints)}"
+            f"the trajectory is for the joints {', '.join(names) or '(none)'}; expected {', '.join(joints)}"
         )
-    return [message.joint_names.index(joint) for joint in joints]
+    return [names.index(joint) for joint in joints]
 
 
-def _times(message: JointTrajectory) -> IntArray:
-    return np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
+def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArray:
+    """Return the equilibrium points of a message. Shape (n, n_joints).
+
+    Raises:
+        TrajectoryError: other joints, or points without positions.
+    """
+    return _values(message, "positions", _columns(message.joint_names, joints))
 
 
 def _values(message: JointTrajectory, field: str, columns: list[int]) -> FloatArray:

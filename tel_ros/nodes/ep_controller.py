@@ -22,7 +22,6 @@ from tel_ros.nodes.conversions import (
     ControlStateFiller,
     EffortCommand,
     JointStateReader,
-    time_ns,
     to_goal,
     to_result_message,
 )
@@ -62,7 +61,9 @@ class EpControllerNode(Node):
 
         self._effort_pub = self.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
         self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
-        self.create_subscription(JointState, topics.JOINT_STATES, self._on_joint_state, qos.NEWEST)
+        self.busy_subscriptions = [
+            self.create_subscription(JointState, topics.JOINT_STATES, self._on_joint_state, qos.NEWEST)
+        ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
         self.create_timer(FEEDBACK_PERIOD_S, self._publish_feedback)
         self._ready = Bool()
@@ -98,24 +99,22 @@ class EpControllerNode(Node):
         super().destroy_node()
 
     def _on_joint_state(self, message: JointState) -> None:
-        stamp_ns = time_ns(message.header.stamp)
-        if stamp_ns != self._seen_ns or not self._controller.active:
-            self._seen_ns, self._last_state_at = stamp_ns, time.monotonic()
-        if stamp_ns != self._answered_ns:
-            self._answer(message)
-        elif self._controller.active:
-            # A waiting arm repeats its state until it gets the answer.
-            self._effort_pub.publish(self._command.message)
-
-    def _answer(self, message: JointState) -> None:
-        if not self._controller.active and not self._answers_between_trials:
-            self._commanding = False
-            return
         try:
             state = self._reader.read(message)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
+        if state.time_ns != self._seen_ns or not self._controller.active:
+            self._seen_ns, self._last_state_at = state.time_ns, time.monotonic()
+        if not self._controller.active and not self._answers_between_trials:
+            self._commanding = False
+        elif state.time_ns != self._answered_ns:
+            self._answer(state)
+        elif self._controller.active:
+            # A waiting arm repeats its state until it gets the answer.
+            self._effort_pub.publish(self._command.message)
+
+    def _answer(self, state: ArmState) -> None:
         goal = self._controller.goal
         tick = self._controller.tick(state)
         if tick is not None:

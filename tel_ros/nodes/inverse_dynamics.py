@@ -9,27 +9,17 @@ import numpy as np
 from rclpy.node import Node
 from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, TrainOnTrials
 
-from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError, TrainingError
-from tel_ros.core.learning.inputs import InputRange, query_inputs
-from tel_ros.core.learning.inverse_dynamics import LmsTreeInverseDynamics, TrainingOutcome
+from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.learning.inverse_dynamics import TrainingOutcome
 from tel_ros.core.learning.signals import training_samples
-from tel_ros.core.trajectories.sampling import sample
 from tel_ros.nodes.conversions import to_desired, to_trajectory_message
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
+from tel_ros.recording.new_network import new_network
 from tel_ros.recording.trial_bag import read_trial
-from tel_ros.recording.waypoint_file import load_path
-
-
-def new_network(config: Config) -> LmsTreeInverseDynamics:
-    """Return an untrained network whose input ranges cover the goal movement."""
-    path = load_path(config.path, config.arm)
-    goal = sample(path, config.practice.goal_duration_s, config.control.rate_hz)
-    input_range = InputRange.covering(goal, config.learning.input_margin)
-    return LmsTreeInverseDynamics(config.arm.joints, input_range, config.learning, config.seed)
 
 
 class InverseDynamicsNode(Node):
@@ -71,9 +61,7 @@ class InverseDynamicsNode(Node):
             for bag in request.bags:
                 trial = read_trial(Path(bag))
                 if trial.joints != network.joints:
-                    raise TrainingError(
-                        f"{bag} is of the joints {', '.join(trial.joints)}; expected {', '.join(network.joints)}"
-                    )
+                    raise _other_joints(bag, trial.joints, network.joints)
                 samples = training_samples(trial.signals(), self._config.learning.filter_cutoff_hz)
                 network, outcome = network.trained_on(samples, mode)
                 outcomes.append(outcome)
@@ -103,10 +91,7 @@ class InverseDynamicsNode(Node):
         try:
             network = load_network(Path(request.path))
             if network.joints != self._network.joints:
-                raise TrainingError(
-                    f"{request.path} is for the joints {', '.join(network.joints)}; "
-                    f"expected {', '.join(self._network.joints)}"
-                )
+                raise _other_joints(request.path, network.joints, self._network.joints)
         except TelError as error:
             return self._refuse(response, error)
         self._network = network
@@ -117,6 +102,10 @@ class InverseDynamicsNode(Node):
         self.get_logger().error(str(error))
         response.success, response.message = False, str(error)
         return response
+
+
+def _other_joints(source: str, found: Sequence[str], expected: Sequence[str]) -> TrainingError:
+    return TrainingError(f"{source} is for the joints {', '.join(found)}; expected {', '.join(expected)}")
 
 
 def _fill(response: TrainOnTrials.Response, outcomes: Sequence[TrainingOutcome]) -> None:

@@ -28,7 +28,7 @@ def load_parameters(node: Node, *sections: str) -> Config:
 
     Args:
         node: the node.
-        sections: the parts of the configuration that it uses, e.g. ``control``, or single keys, e.g. ``seed``.
+        sections: the parts of the configuration that it uses, e.g. ``control``, or single keys.
 
     Raises:
         InputFileError: the configuration file, or one that it names, cannot be used.

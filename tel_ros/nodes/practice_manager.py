@@ -27,7 +27,7 @@ from tel_ros.core.errors import TelError
 from tel_ros.core.practice.strategy import PlannedTrial, make_strategy
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import desired_message, to_report
+from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_goal_message, to_report
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.runner import run_node
@@ -142,8 +142,8 @@ class PracticeManagerNode(Node):
         timeout_s = self._config.run.arm_timeout_s
         if not self._ready.wait(timeout_s):
             raise NoAnswerError(
-                f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen {topics.JOINT_STATES} "
-                f"with {', '.join(self._config.arm.joints)} and a subscriber of {topics.EFFORT_COMMANDS}"
+                f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
+                f"{topics.JOINT_STATES} and a subscriber of {topics.EFFORT_COMMANDS}"
             )
 
     def _trial(
@@ -152,9 +152,9 @@ class PracticeManagerNode(Node):
         started = time.monotonic()
         progress.begin(plan)
         bag = trial_bag(folder, plan.index)
-        desired = desired_message(
-            self._config.arm.joints, sample(self._path, plan.duration_s, self._config.control.rate_hz)
-        )
+        joints = self._config.arm.joints
+        trajectory = sample(self._path, plan.duration_s, self._config.control.rate_hz)
+        desired = desired_message(joints, trajectory)
         prediction = call(self._predict, PredictEquilibrium.Request(desired=desired), ANSWER_TIMEOUT_S)
         metadata = self._metadata(plan, prediction.revision)
         progress.stage("recording")
@@ -169,9 +169,8 @@ class PracticeManagerNode(Node):
             ),
             ANSWER_TIMEOUT_S,
         )
-        goal = ExecuteTrial.Goal(
-            trial=plan.index, alpha=plan.alpha, desired=desired, equilibrium=prediction.equilibrium
-        )
+        equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
+        goal = to_goal_message(plan.index, plan.alpha, joints, trajectory, equilibrium_rad)
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
         call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)

@@ -29,7 +29,7 @@ class Progress:
         """Begin a trial."""
         feedback = self._feedback
         feedback.trial, feedback.alpha, feedback.duration_s = plan.index, plan.alpha, plan.duration_s
-        feedback.max_error_rad, feedback.last, feedback.training_rms_rad = 0.0, [], []
+        feedback.max_error_rad, feedback.last, feedback.training_rms_rad = float("nan"), [], []
         self.stage("predicting")
 
     def stage(self, stage: str) -> None:

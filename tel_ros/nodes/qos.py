@@ -9,8 +9,8 @@ def _reliable(depth: int) -> QoSProfile:
     return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=depth)
 
 
-STREAM = _reliable(100)
-"""For publishers: leaves a subscriber that must not miss anything the time to ask for it again."""
+STREAM = _reliable(10_000)
+"""For publishers: a recorder that had to wait for its turn can still ask for what it has missed."""
 NEWEST = _reliable(1)
 """For control: only the newest message counts."""
 LATCHED = QoSProfile(

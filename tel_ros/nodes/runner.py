@@ -14,10 +14,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tel_ros.core.errors import TelError
+from tel_ros.nodes.hot_loop import spin_hot
 
 EXIT_BAD_INPUT = 2
 _SIGNAL_CHECK_S = 0.05
 _LONGEST_STOP_S = 5.0
+_SAME_REQUEST_S = 1.0
 
 
 class Stoppable(Protocol):
@@ -36,16 +38,20 @@ def run_node(
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
+    A node may have ``busy_subscriptions``, which :func:`spin_hot` serves first.
+
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
-    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 5 s at most; a
-    second signal ends it at once. The exit code is 2 if the node could not use what it was given.
+    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 5 s at most.
+    A signal that comes a second later or more ends it at once; two together are one request, as Ctrl-C under
+    ``ros2 launch`` makes them. The exit code is 2 if the node could not use what it was given.
     """
     stopping: list[float] = []
 
     def on_signal(number: int, frame: object) -> None:
-        if stopping:
+        if not stopping:
+            stopping.append(time.monotonic())
+        elif time.monotonic() - stopping[0] > _SAME_REQUEST_S:
             raise KeyboardInterrupt
-        stopping.append(time.monotonic())
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
@@ -57,12 +63,12 @@ def run_node(
         executor.add_node(node)
         # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
         node.create_timer(_SIGNAL_CHECK_S, lambda: None)
-        while not stopping:
-            executor.spin_once()
+        busy = getattr(node, "busy_subscriptions", ())
+        spin_hot(node, executor, busy, lambda: bool(stopping))
         if hasattr(node, "stop"):
             node.stop()
-            while not node.stopped and time.monotonic() - stopping[0] < _LONGEST_STOP_S:
-                executor.spin_once()
+            end = stopping[0] + _LONGEST_STOP_S
+            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end)
         executor.shutdown(timeout_sec=1.0)
     except KeyboardInterrupt:
         pass
@@ -70,6 +76,8 @@ def run_node(
         print(f"{node.get_name() if node else sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     finally:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -6,8 +6,10 @@ import struct
 import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
@@ -24,9 +26,10 @@ from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
+from tel_ros.recording.message_types import typestore
 
 DISCOVERY_TIMEOUT_S = 5.0
-DRAIN_TIMEOUT_S = 10.0
+DRAIN_TIMEOUT_S = 5.0
 _CHECK_PERIOD_S = 0.02
 _MESSAGE_TYPES = {
     topics.JOINT_STATES: JointState,
@@ -54,14 +57,19 @@ class TrialRecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__("trial_recorder")
+        typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
         self._stamps: dict[str, list[int]] = {}
-        for topic, kind in _MESSAGE_TYPES.items():
-            self.create_subscription(
-                kind, topic, lambda raw, topic=topic: self._record(topic, raw), qos.EVERYTHING, raw=True
-            )
-        self.create_service(StartRecording, topics.START_RECORDING, self._start)
-        self.create_service(StopRecording, topics.STOP_RECORDING, self._stop_recording)
+        self.busy_subscriptions = [
+            self.create_subscription(kind, topic, partial(self._record, topic), qos.EVERYTHING, raw=True)
+            for topic, kind in _MESSAGE_TYPES.items()
+        ]
+        # Both wait for something; in a group of its own, so that what they wait for gets its turn meanwhile.
+        self._group = ReentrantCallbackGroup()
+        self.create_service(StartRecording, topics.START_RECORDING, self._start, callback_group=self._group)
+        self.create_service(
+            StopRecording, topics.STOP_RECORDING, self._stop_recording, callback_group=self._group
+        )
 
     def destroy_node(self) -> None:
         """Leave an open bag among the unfinished ones."""
@@ -73,7 +81,8 @@ class TrialRecorderNode(Node):
         if self._writer is None:
             return
         if topic == topics.EFFORT_COMMANDS:
-            stamp_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray)) or self._newest_ns()
+            answered_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray))
+            stamp_ns = self._newest_ns() if answered_ns is None else answered_ns
         else:
             stamp_ns = header_stamp_ns(raw)
         stamps = self._stamps[topic]
@@ -87,7 +96,11 @@ class TrialRecorderNode(Node):
         return states[-1] if states else 0
 
     def _has_all_until(self, end_ns: int) -> bool:
-        return all(stamps and stamps[-1] >= end_ns for stamps in self._stamps.values())
+        """Return whether everything up to the last tick is there, and the state that its command led to."""
+        return all(
+            stamps and (stamps[-1] > end_ns if topic == topics.JOINT_STATES else stamps[-1] >= end_ns)
+            for topic, stamps in self._stamps.items()
+        )
 
     async def _start(
         self, request: StartRecording.Request, response: StartRecording.Response
@@ -129,9 +142,12 @@ class TrialRecorderNode(Node):
             response.dropped = self._dropped(result)
             if response.dropped:
                 writer.abandon()
+                first_s = (self._stamps[topics.CONTROL_STATES] or [0])[0] / NS_PER_S
                 raise BagError(
                     writer.bag,
-                    f"{response.dropped} of the trial's {result.ticks} control states did not arrive",
+                    f"{response.dropped} of the trial's {result.ticks} control states did not arrive "
+                    f"(the trial began at {time_ns(result.start_stamp) / NS_PER_S:.3f} s, "
+                    f"the recording at {first_s:.3f} s)",
                     "all of them; the bag is left unfinished",
                 )
             self._write_once(writer, result)
@@ -156,7 +172,7 @@ class TrialRecorderNode(Node):
             if not over.done() and (condition() or time.monotonic() > end):
                 over.set_result(None)
 
-        timer = self.create_timer(_CHECK_PERIOD_S, check)
+        timer = self.create_timer(_CHECK_PERIOD_S, check, callback_group=self._group)
         await over
         self.destroy_timer(timer)
 

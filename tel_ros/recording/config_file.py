@@ -1,7 +1,8 @@
 """Reading a practice run's YAML into records that check themselves, and writing it back.
 
 A library checks structure and types; what values make sense is checked by the records in
-:mod:`tel_ros.core.config`. Every complaint names the file or option, the key, the value and what was expected.
+:mod:`tel_ros.core.config`. Every complaint names the file or option, the key, the value and what was
+expected.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ def share_folder(package: str) -> Path:
     """
     spec = find_spec(package)
     if spec is None or spec.origin is None:
-        raise InputFileError(package, "this Python package is not installed", "an installation with `make setup`")
+        raise InputFileError(package, "no such Python package", "an installation with `make setup`")
     for prefix in Path(spec.origin).parents:
         folder = prefix / "share" / package
         if folder.is_dir():

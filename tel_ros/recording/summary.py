@@ -14,10 +14,10 @@ from tel_ros.recording.run_folder import write_summary
 
 @dataclass
 class TrialRow:
-    """One trial, with what was learned from it (NaN and None where nothing was)."""
+    """One trial, with what was learned from it (NaN where nothing was)."""
 
     report: TrialReport
-    bag: str | None
+    bag: str
     wall_s: float
     training_rms_before_rad: float = float("nan")
     training_rms_after_rad: float = float("nan")

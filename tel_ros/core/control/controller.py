@@ -84,7 +84,7 @@ class EpController:
 
     @property
     def max_error_rad(self) -> float:
-        """Largest deviation of any joint in RUN so far."""
+        """Largest deviation of any joint in RUN so far, NaN before it."""
         return self._score.max_error_rad
 
     @property
@@ -292,7 +292,7 @@ class EpController:
             ticks=self._ticks,
             rms_error_rad=self._score.rms_error_rad,
             rms_error_per_joint_rad=self._score.rms_error_per_joint_rad,
-            max_error_rad=self._score.max_error_rad if self._score.ticks else float("nan"),
+            max_error_rad=self._score.max_error_rad,
             max_effort_nm=self._score.max_effort_nm,
             saturated_ratio=self._score.saturated_ratio,
         )

@@ -12,7 +12,7 @@ class TrackingScore:
 
     def __init__(self, n_joints: int) -> None:
         self.ticks = 0
-        self.max_error_rad = 0.0
+        self._max_error_rad = 0.0
         self.max_effort_nm = np.zeros(n_joints)
         self._squares = np.zeros(n_joints)
         self._saturated = 0
@@ -21,7 +21,7 @@ class TrackingScore:
         """Take in one tick. Shapes (n_joints,)."""
         self.ticks += 1
         self._squares += error_rad * error_rad
-        self.max_error_rad = max(self.max_error_rad, float(np.abs(error_rad).max()))
+        self._max_error_rad = max(self._max_error_rad, float(np.abs(error_rad).max()))
         self.max_effort_nm = np.maximum(self.max_effort_nm, np.abs(effort_nm))
         self._saturated += bool(saturated.any())
 
@@ -38,6 +38,11 @@ class TrackingScore:
         return float(np.sqrt(np.mean(self.rms_error_per_joint_rad**2)))
 
     @property
+    def max_error_rad(self) -> float:
+        """Largest deviation of any joint, NaN before the first tick."""
+        return self._max_error_rad if self.ticks else float("nan")
+
+    @property
     def saturated_ratio(self) -> float:
-        """Share of the ticks in which the effort of some joint had to be clipped."""
-        return self._saturated / self.ticks if self.ticks else 0.0
+        """Share of the ticks in which the effort of some joint had to be clipped, NaN before the first."""
+        return self._saturated / self.ticks if self.ticks else float("nan")

@@ -133,9 +133,10 @@ class LmsTreeInverseDynamics:
             leaf = tree.most_pulled_leaf(change_variance)
             tree.grow(leaf)
             change_variance = np.concatenate([change_variance, np.zeros((1, *change_variance.shape[1:]))])
+            home = f"subtree {leaf.subtree}" if leaf.subtree else "the root"
             grown.append(
                 f"{joint}: subtree {tree.n_subtrees} under Gaussian {leaf.gaussian + 1} of "
-                f"{self._input_name(leaf.input)} in {f'subtree {leaf.subtree}' if leaf.subtree else 'the root'}"
+                f"{self._input_name(leaf.input)} in {home}"
             )
         return grown
 

@@ -35,7 +35,7 @@ class LmsTree:
     Args:
         n_inputs: D.
         n_gaussians: n, evenly spaced centres c_i from 0 to 1 for each input.
-        width: σ in units of the spacing (ours: the default of 1 lets neighbours overlap by 0.61 of their peak).
+        width: σ in units of the spacing (ours: 1 lets neighbours overlap by 0.61 of their peak).
     """
 
     def __init__(self, n_inputs: int, n_gaussians: int, width: float) -> None:
@@ -52,7 +52,7 @@ class LmsTree:
         return len(self.parents)
 
     def features(self, inputs: FloatArray) -> FloatArray:
-        """Return ψ, all g_k φ_d,i. Input shape (n, D), output shape (n, (1 + n_subtrees) * D * n_gaussians)."""
+        """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * n_gaussians) for inputs of shape (n, D)."""
         distance = (inputs[:, :, None] - self._centres) / self._sigma
         phi = np.exp(-0.5 * distance * distance)
         gates = np.ones((1 + self.n_subtrees, len(inputs)))

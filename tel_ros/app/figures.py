@@ -1,0 +1,317 @@
+"""The figures of a report. Each function takes data and returns a figure; none of them reads a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
+
+from tel_ros.app.figure_export import BLUE, FAINT, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, SOFT
+from tel_ros.app.hand_path import drawing_plane, hand_path
+from tel_ros.app.report_data import DrawnTrial, TrialSummary
+from tel_ros.app.report_text import seconds, significant, trial_label
+from tel_ros.core.kinematics import SerialChain
+from tel_ros.core.types import BoolArray, FloatArray
+
+WIDTH_IN = 7.2
+"""Across both columns of a paper."""
+
+_LEGEND_IN = 0.27
+_TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
+_VISIBLE_SHARE = 0.3
+"""An effort limit is drawn unless the efforts reach less than this share of it and would look flat."""
+
+
+@dataclass(frozen=True)
+class PathPanel:
+    """One trial of the figure of the hand's path; arrays of shape (n, 2) in m."""
+
+    title: str
+    desired_m: FloatArray
+    actual_m: FloatArray
+    equilibrium_m: FloatArray
+    completed: bool
+
+
+def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[PathPanel], str, list[str]]:
+    """Return the data of the figure of the hand's path.
+
+    Args:
+        drawn: the trials; at least one.
+        chain: from the base to the hand.
+
+    Returns:
+        One panel a trial, all in one plane; a sentence about the plane; labels of its two axes.
+    """
+    paths = [hand_path(trial.recorded, chain) for trial in drawn]
+    plane = drawing_plane(np.vstack([path.all_m for path in paths]))
+    panels = [
+        PathPanel(
+            title=f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
+            f"RMS error {significant(trial.summary.rms_error_rad)} rad",
+            desired_m=plane.project(path.desired_m),
+            actual_m=plane.project(path.actual_m),
+            equilibrium_m=plane.project(path.equilibrium_m),
+            completed=trial.summary.completed,
+        )
+        for trial, path in zip(drawn, paths, strict=True)
+    ]
+    return panels, plane.description, [f"{name} [m]" for name in plane.names]
+
+
+def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figure:
+    """Return [Practice] Fig. 2 for a run: desired, actual and equilibrium path of the hand, side by side."""
+    everything = np.vstack([np.vstack([p.desired_m, p.actual_m, p.equilibrium_m]) for p in panels])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin_m = 0.06 * max(float((high - low).max()), 1e-3)
+    low, high = low - margin_m, high + margin_m
+    aspect = float((high - low)[1] / (high - low)[0])
+    panel_in = min((WIDTH_IN - 0.75) / len(panels), 4.0 / aspect, 3.6)
+    figure = Figure(figsize=(WIDTH_IN, panel_in * aspect + 1.15), layout="compressed")
+    tick_m = _tick_distance(high - low)
+    all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, panel in zip(all_axes, panels, strict=True):
+        _draw_path(axes, panel)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=labels[0])
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MultipleLocator(tick_m))
+    all_axes[0].set_ylabel(labels[1])
+    handles = [
+        Line2D([], [], color=INK, linestyle=_DOTS, linewidth=1.0, label="desired"),
+        Line2D([], [], color=BLUE, linewidth=1.0, label="actual"),
+        Line2D([], [], color=GREY, linewidth=1.4, label="equilibrium point (EP)"),
+        Line2D([], [], **_START, label="start"),
+    ]
+    if not all(panel.completed for panel in panels):
+        handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
+    _legend_below(figure, "compressed", handles)
+    return figure
+
+
+def _legend_below(
+    figure: Figure, layout: Literal["constrained", "compressed"], handles: Sequence[Artist]
+) -> None:
+    """Put a legend of one row under the axes.
+
+    The layout is told to leave room for it: places outside the axes are known from matplotlib 3.7 on, and
+    ROS 2 Jazzy comes with 3.6.
+    """
+    room = _LEGEND_IN / figure.get_figheight()
+    figure.set_layout_engine(layout, rect=(0.0, room, 1.0, 1.0 - room))
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+
+
+_DOTS = (0, (1.0, 2.0))
+_START: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 5.0,
+    "markerfacecolor": PAPER,
+    "markeredgecolor": INK,
+    "markeredgewidth": 1.0,
+    "linestyle": "none",
+}
+_BROKEN_OFF: dict[str, Any] = {
+    "marker": "x",
+    "markersize": 5.5,
+    "markeredgecolor": PURPLE,
+    "markeredgewidth": 1.4,
+    "linestyle": "none",
+}
+
+
+def _tick_distance(extent_m: FloatArray) -> float:
+    """Return one distance between ticks for both axes: squares look like squares."""
+    tick_m = float(np.diff(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, extent_m.max()))[0])
+    half_is_better = extent_m.min() < 2.0 * tick_m and extent_m.max() < 3.5 * tick_m
+    return tick_m / 2.0 if half_is_better else tick_m
+
+
+def _draw_path(axes: Axes, panel: PathPanel) -> None:
+    axes.plot(*panel.equilibrium_m.T, color=GREY, linewidth=1.4)
+    axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
+    axes.plot(*panel.desired_m.T, color=INK, linestyle=_DOTS, linewidth=1.0, dash_capstyle="butt")
+    axes.plot(*panel.actual_m[0], **_START)
+    if not panel.completed:
+        axes.plot(*panel.actual_m[-1], **_BROKEN_OFF)
+    axes.set_title(panel.title, linespacing=1.4)
+
+
+def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
+    """Return tracking error, training error and duration over the trials of a run."""
+    figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
+    tracking, training, duration = figure.subplots(1, 3)
+    rms = [t.rms_error_rad for t in trials]
+    peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
+    before = [t.training_rms_before_rad for t in trials]
+    after = [t.training_rms_after_rad for t in trials]
+    _over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
+    tracking.set(title="Tracking error", ylabel="error [rad]")
+    _over_trials(
+        training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
+    )
+    training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
+    _over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
+    duration.set(title="Duration of the movement", ylabel="duration [s]")
+    duration.set_ylim(bottom=0.0)
+    if not all(trial.completed for trial in trials):
+        mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
+        _legend_below(figure, "constrained", [mark])
+    return figure
+
+
+def _over_trials(
+    axes: Axes,
+    trials: Sequence[TrialSummary],
+    series: Sequence[tuple[Sequence[float], str, str, str]],
+    *,
+    log: bool,
+) -> None:
+    """Draw series of (values, label, colour, marker) over the numbers of the trials."""
+    numbers = [trial.index for trial in trials]
+    for trial in trials:
+        if not trial.completed:
+            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
+    for values, label, colour, marker in series:
+        axes.plot(
+            numbers, values, color=colour, marker=marker, markersize=3.6, linewidth=1.0, label=label or None
+        )
+    known = [value for values, *_ in series for value in values if math.isfinite(value)]
+    if log and any(value > 0.0 for value in known):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    if not known:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.set_yticks([])
+    axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
+    axes.set_xlabel("trial")
+    axes.grid(axis="y")
+    axes.set_axisbelow(True)
+    if known and any(label for _, label, *_ in series):
+        axes.legend(loc="best")
+
+
+def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm: Sequence[float]) -> Figure:
+    """Return the commanded effort of each joint over the time of a movement, with limits and clipping.
+
+    Args:
+        drawn: the trials.
+        joints: names.
+        limits_nm: effort limits, one for each joint.
+    """
+    figure, panels = _joint_panels(joints, len(drawn))
+    clipped = limited = False
+    for joint, axes in enumerate(panels):
+        for trial, colour in zip(drawn, _colours(drawn), strict=True):
+            time, effort_nm = _movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
+            axes.plot(time, effort_nm, color=colour, linewidth=0.9)
+            saturated = trial.recorded.saturated[trial.recorded.run, joint]
+            clipped |= _mark_saturated(axes, time, effort_nm, saturated)
+        limited |= _draw_limit(axes, limits_nm[joint])
+        axes.set_ylabel("torque [N·m]")
+    handles = _trial_handles(drawn)
+    if limited:
+        handles.append(Line2D([], [], color=SOFT, linestyle="--", linewidth=0.9, label="limit"))
+    if clipped:
+        handles.append(Line2D([], [], color=PURPLE, linewidth=4.0, alpha=0.55, label="clipped at the limit"))
+    _legend_below(figure, "constrained", handles)
+    return figure
+
+
+def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figure:
+    """Return measured minus desired position of each joint over the time of a movement."""
+    figure, panels = _joint_panels(joints, len(drawn))
+    for joint, axes in enumerate(panels):
+        for trial, colour in zip(drawn, _colours(drawn), strict=True):
+            recorded = trial.recorded
+            error_rad = (recorded.position_rad - recorded.desired[:, : len(joints)])[recorded.run, joint]
+            time = _movement_time(trial)
+            axes.plot(time, error_rad, color=colour, linewidth=1.1)
+            if not trial.summary.completed:
+                axes.plot(time[-1], error_rad[-1], **_BROKEN_OFF)
+        axes.set_ylabel("actual − desired [rad]")
+    handles = _trial_handles(drawn)
+    if not all(trial.summary.completed for trial in drawn):
+        handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
+    _legend_below(figure, "constrained", handles)
+    return figure
+
+
+def _joint_panels(joints: Sequence[str], n_trials: int) -> tuple[Figure, list[Axes]]:
+    columns = min(2, len(joints))
+    rows = math.ceil(len(joints) / columns)
+    figure = Figure(figsize=(WIDTH_IN, 2.2 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    panels = list(grid.flat)
+    for axes in panels[len(joints) :]:
+        axes.remove()
+    panels = panels[: len(joints)]
+    for place, (axes, joint) in enumerate(zip(panels, joints, strict=True)):
+        axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
+        axes.set_title(joint)
+        axes.set_xlim(-0.01, 1.01)
+        if place + columns >= len(joints):
+            axes.set_xlabel("time / duration of the trial")
+            axes.tick_params(labelbottom=True)
+    return figure, panels
+
+
+def _movement_time(trial: DrawnTrial) -> FloatArray:
+    """Return the time of each sample of RUN as a share of the trial's duration."""
+    time: FloatArray = trial.recorded.time_s[trial.recorded.run] / trial.summary.duration_s
+    return time
+
+
+def _colours(drawn: Sequence[DrawnTrial]) -> tuple[str, ...]:
+    return _TRIAL_COLOURS[-len(drawn) :] if len(drawn) != 2 else (_TRIAL_COLOURS[0], _TRIAL_COLOURS[-1])
+
+
+def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
+    return [
+        Line2D(
+            [],
+            [],
+            color=colour,
+            label=f"{trial_label(trial.summary)} ({seconds(trial.summary.duration_s)})",
+        )
+        for trial, colour in zip(drawn, _colours(drawn), strict=True)
+    ]
+
+
+def _mark_saturated(axes: Axes, time: FloatArray, effort_nm: FloatArray, saturated: BoolArray) -> bool:
+    """Lay a broad band over the samples that were clipped; return whether there were any."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], saturated, [False]]).astype(int)))
+    if not len(edges):
+        return False
+    half = (time[-1] - time[0]) / max(1, len(time) - 1) / 2.0
+    bands = []
+    for first, end in edges.reshape(-1, 2):
+        # Half a sample more at both ends: a single sample has a length, too.
+        ends = np.concatenate([[time[first] - half], time[first:end], [time[end - 1] + half]])
+        bands.append(np.column_stack([ends, np.pad(effort_nm[first:end], 1, mode="edge")]))
+    axes.add_collection(LineCollection(bands, colors=PURPLE, linewidths=4.0, alpha=0.55, capstyle="butt"))
+    return True
+
+
+def _draw_limit(axes: Axes, limit_nm: float) -> bool:
+    """Draw the effort limit, or only name it if the curves would be flat beside it; return which."""
+    low, high = axes.get_ylim()
+    if max(-low, high) < _VISIBLE_SHARE * limit_nm:
+        axes.set_title(f"limit ±{limit_nm:g} N·m, off the scale", loc="right", color=SOFT, fontsize=7.5)
+        return False
+    for side in (-limit_nm, limit_nm):
+        axes.axhline(side, color=SOFT, linestyle="--", linewidth=0.9)
+    axes.set_ylim(-1.12 * limit_nm, 1.12 * limit_nm)
+    return True

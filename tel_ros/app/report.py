@@ -1,0 +1,160 @@
+"""The report of a practice run: one HTML file that needs nothing beside it, and its figures as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tel_ros import __version__
+from tel_ros.app import report_text
+from tel_ros.app.report_data import RunData, read_run
+from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE, write_atomically
+from tel_ros.recording.urdf import chain_to_hand, read_urdf
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURE_FOLDER = "figures"
+_TEMPLATES = Path(__file__).parent / "templates"
+_TEMPLATE = "report.html.j2"
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure on the page.
+
+    Args:
+        name: of its PNG file, without the ending.
+        svg: the element to put into the page; empty if there is nothing to draw.
+        caption: what it shows, or why it is missing.
+    """
+
+    name: str
+    svg: str
+    caption: str
+
+
+def write_report(folder: Path) -> Path:
+    """Write ``report.html`` and the figures of a practice run into its folder.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        The path of the HTML file.
+
+    Raises:
+        InputFileError: the folder is not that of a run with at least one trial, or cannot be written.
+        TelError: a library that reports need is not installed.
+    """
+    try:
+        import jinja2
+        import matplotlib  # noqa: F401 - only to know whether it is there
+    except ModuleNotFoundError as error:
+        raise TelError(
+            f"a report needs {error.name}, which is not installed: pip install 'tel_ros[report]'"
+        ) from error
+    run = read_run(folder)
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    file = folder / REPORT_FILE
+    try:
+        page = environment.get_template(_TEMPLATE).render(_content(run, _figures(run)), text=report_text)
+        write_atomically(file, page + "\n")
+    except OSError as error:
+        raise InputFileError(
+            error.filename or folder, f"cannot be written ({error.strerror})", "room for a report"
+        ) from error
+    return file
+
+
+def _content(run: RunData, figures: dict[str, ReportFigure]) -> dict[str, Any]:
+    from tel_ros.app.figure_export import PALETTE
+
+    written = datetime.fromtimestamp((run.folder / SUMMARY_FILE).stat().st_mtime).astimezone()
+    return {
+        "run": run,
+        "name": run.folder.resolve().name,
+        "joints": run.config.arm.joints,
+        "figures": figures,
+        "palette": PALETTE,
+        "date": f"{written:%Y-%m-%d %H:%M}",
+        "configuration": (run.folder / CONFIG_FILE).read_text(encoding="utf-8"),
+        "version": __version__,
+        "figure_folder": FIGURE_FOLDER,
+    }
+
+
+def _figures(run: RunData) -> dict[str, ReportFigure]:
+    """Draw the figures and write them as PNG, too."""
+    from tel_ros.app import figures
+
+    arm = run.config.arm
+    made = {
+        "practice": _make(
+            run.folder,
+            "practice",
+            lambda: figures.practice_figure(run.trials),
+            "Errors and durations of all trials. Tracking error: measured minus desired joint position, over "
+            "all joints. Training error: what the network gets wrong about the commands of the trial just "
+            "done, before and after it has learned from it.",
+        )
+    }
+    if not run.drawn:
+        nothing = "Nothing to draw: there is no trial with a movement and a readable bag."
+        return made | {
+            name: _missing(run.folder, name, nothing) for name in ("hand_path", "effort", "tracking")
+        }
+    chain = chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
+    panels, plane, labels = figures.path_panels(run.drawn, chain)
+    return made | {
+        "hand_path": _make(
+            run.folder,
+            "hand_path",
+            lambda: figures.hand_path_figure(panels, labels),
+            "Path of the hand: desired (dotted), actual (solid), and where the equilibrium-point command "
+            f"pulls it (grey). {plane} Same scale in all panels.",
+        ),
+        "effort": _make(
+            run.folder,
+            "effort",
+            lambda: figures.effort_figure(run.drawn, arm.joints, arm.effort_limit_nm),
+            "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit "
+            "that is far off the scale is named instead of drawn.",
+        ),
+        "tracking": _make(
+            run.folder,
+            "tracking",
+            lambda: figures.tracking_figure(run.drawn, arm.joints),
+            "Tracking error of each joint over the movement, for the same trials.",
+        ),
+    }
+
+
+def _make(folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> ReportFigure:
+    from markupsafe import Markup
+
+    from tel_ros.app.figure_export import figure_style, inline_svg, save_png
+
+    (folder / FIGURE_FOLDER).mkdir(exist_ok=True)
+    with figure_style(name):
+        figure = draw()
+        save_png(figure, folder / FIGURE_FOLDER / f"{name}.png")
+        figure.set_layout_engine("none")  # all is in its place; to find it again takes longer than to draw
+        svg = inline_svg(figure, name)
+    return ReportFigure(name, Markup(svg), caption)
+
+
+def _missing(folder: Path, name: str, why: str) -> ReportFigure:
+    # The figure of an earlier report would pass for one of this report.
+    (folder / FIGURE_FOLDER / f"{name}.png").unlink(missing_ok=True)
+    return ReportFigure(name, "", why)

@@ -1,0 +1,222 @@
+"""What a report is made from: the summary of a run, and those of its bags that are drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+
+from tel_ros.core.config import Config
+from tel_ros.core.control.records import Outcome
+from tel_ros.core.errors import BagError, InputFileError
+from tel_ros.recording.bag_writer import UNFINISHED
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
+from tel_ros.recording.trial_bag import RecordedTrial, read_trial
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class TrialSummary:
+    """One row of ``summary.json``, keys as there; NaN where the row has no number."""
+
+    index: int
+    alpha: float
+    duration_s: float
+    rms_error_rad: float
+    rms_error_per_joint_rad: tuple[float, ...]
+    max_error_rad: float
+    max_effort_nm: tuple[float, ...]
+    saturated_ratio: float
+    rms_command_change_rad: float
+    training_rms_before_rad: float
+    training_rms_after_rad: float
+    grown: tuple[str, ...]
+    outcome: str
+    message: str
+    bag: str | None
+    wall_s: float
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> TrialSummary:
+        """Read a row.
+
+        Raises:
+            KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
+        """
+        return cls(
+            index=int(row["index"]),
+            alpha=_number(row["alpha"]),
+            duration_s=_number(row["duration_s"]),
+            rms_error_rad=_number(row["rms_error_rad"]),
+            rms_error_per_joint_rad=_numbers(row["rms_error_per_joint_rad"]),
+            max_error_rad=_number(row["max_error_rad"]),
+            max_effort_nm=_numbers(row["max_effort_nm"]),
+            saturated_ratio=_number(row["saturated_ratio"]),
+            rms_command_change_rad=_number(row["rms_command_change_rad"]),
+            training_rms_before_rad=_number(row["training_rms_before_rad"]),
+            training_rms_after_rad=_number(row["training_rms_after_rad"]),
+            grown=tuple(str(item) for item in row["grown"]),
+            outcome=str(row["outcome"]),
+            message=str(row["message"]),
+            bag=None if row["bag"] is None else str(row["bag"]),
+            wall_s=_number(row["wall_s"]),
+        )
+
+    @property
+    def completed(self) -> bool:
+        """Whether the trial ran to its end."""
+        return self.outcome == Outcome.COMPLETED.name.lower()
+
+    @property
+    def reached_run(self) -> bool:
+        """Whether there was any movement to speak of: the error is known from RUN alone."""
+        return math.isfinite(self.rms_error_rad)
+
+
+@dataclass(frozen=True)
+class DrawnTrial:
+    """A trial whose curves are shown."""
+
+    summary: TrialSummary
+    recorded: RecordedTrial
+
+
+@dataclass(frozen=True)
+class RunData:
+    """Everything that a report says.
+
+    Args:
+        folder: of the run.
+        config: as written in the folder.
+        outcome: of the run.
+        message: why it did not complete.
+        trials: all of them, in order; at least one.
+        drawn: the first, the middle and the last of those that can be drawn; each once.
+        notes: what is missing from the report, and why.
+    """
+
+    folder: Path
+    config: Config
+    outcome: str
+    message: str
+    trials: tuple[TrialSummary, ...]
+    drawn: tuple[DrawnTrial, ...]
+    notes: tuple[str, ...]
+
+
+def read_run(folder: Path) -> RunData:
+    """Read a run folder. Bags that cannot be read are noted, not fatal.
+
+    Raises:
+        InputFileError: there is no summary, no configuration or no trial.
+        ConfigError: the configuration is wrong.
+    """
+    summary = read_summary(folder)
+    trials = _trials(folder / SUMMARY_FILE, summary)
+    config = load_config(folder / CONFIG_FILE)
+    drawn, notes = _drawn(folder, trials, config.arm.joints)
+    return RunData(
+        folder=folder,
+        config=config,
+        outcome=str(summary.get("outcome", "unknown")),
+        message=str(summary.get("message") or ""),
+        trials=trials,
+        drawn=drawn,
+        notes=(*notes, *_unfinished(folder)),
+    )
+
+
+def spread(items: Sequence[Item]) -> list[Item]:
+    """Return the first, the middle and the last, each once."""
+    places = sorted({0, len(items) // 2, len(items) - 1}) if items else []
+    return [items[place] for place in places]
+
+
+def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialSummary, ...]:
+    expected = "the summary of a practice run"
+    try:
+        trials = tuple(TrialSummary.of(row) for row in summary["trials"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputFileError(file, f"not readable ({type(error).__name__}: {error})", expected) from error
+    if not trials:
+        why = f": {summary['message']}" if summary.get("message") else ""
+        raise InputFileError(file, f"holds no trial{why}", "a run with at least one trial to report on")
+    return trials
+
+
+def _drawn(
+    folder: Path, trials: Sequence[TrialSummary], joints: tuple[str, ...]
+) -> tuple[tuple[DrawnTrial, ...], list[str]]:
+    """Read the bags of the trials to draw, taking others in place of those that cannot be read."""
+    problems = {trial.index: _problem(trial) for trial in trials if _problem(trial)}
+    read: dict[int, RecordedTrial] = {}
+    while True:
+        chosen = spread([trial for trial in trials if trial.index not in problems])
+        unread = [trial for trial in chosen if trial.index not in read]
+        if not unread:
+            break
+        for trial in unread:
+            try:
+                read[trial.index] = _read(folder / str(trial.bag), joints)
+            except BagError as error:
+                problems[trial.index] = _complaint(folder, error)
+    drawn = tuple(DrawnTrial(trial, read[trial.index]) for trial in chosen)
+    for trial in trials:
+        if trial.bag is not None and trial.index not in (problems.keys() | read.keys()):
+            try:
+                _check_outside(folder / trial.bag)
+            except BagError as error:
+                problems[trial.index] = _complaint(folder, error)
+    return drawn, [f"Trial {index} is not drawn: {problem}." for index, problem in sorted(problems.items())]
+
+
+def _problem(trial: TrialSummary) -> str:
+    """Return why a trial cannot be drawn, as far as its row tells."""
+    if trial.bag is None:
+        return "it has no bag"
+    return "" if trial.reached_run else f"it was {trial.outcome} before the movement began"
+
+
+def _check_outside(bag: Path) -> None:
+    """Raise BagError unless a bag is there and closed. Its messages are not read."""
+    if not (bag / "metadata.yaml").is_file():
+        found = "has no metadata.yaml: it was never closed" if bag.is_dir() else "there is no such folder"
+        raise BagError(bag, found, "a closed rosbag2 folder of a trial")
+    try:
+        with AnyReader([bag]):
+            pass
+    except (AnyReaderError, OSError, ValueError) as error:
+        raise BagError(bag, f"cannot be opened ({error})", "a closed rosbag2 folder of a trial") from error
+
+
+def _read(bag: Path, joints: tuple[str, ...]) -> RecordedTrial:
+    trial = read_trial(bag)
+    if trial.joints != joints:
+        raise BagError(bag, f"has the joints {', '.join(trial.joints)}", f"{', '.join(joints)}")
+    if not trial.run.any():
+        raise BagError(bag, "holds no control state of the movement", "some")
+    return trial
+
+
+def _complaint(folder: Path, error: BagError) -> str:
+    # Names as seen from the run's folder: a report is read on other machines, too.
+    return f"its bag cannot be used: {error}".replace(f"{folder}/", "")
+
+
+def _unfinished(folder: Path) -> list[str]:
+    bags = sorted(bag.name for bag in (folder / UNFINISHED).glob("*") if bag.is_dir())
+    return [f"The recording {bag} was never finished; what there is lies in {UNFINISHED}." for bag in bags]
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _numbers(values: Sequence[Any]) -> tuple[float, ...]:
+    return tuple(_number(value) for value in values)

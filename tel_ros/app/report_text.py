@@ -1,0 +1,111 @@
+"""Numbers and sentences of a report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from tel_ros.app.report_data import RunData, TrialSummary
+
+NOTHING = "–"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a number for a column, where points stand below each other; a dash for NaN."""
+    return f"{value:.{decimals}f}" if math.isfinite(value) else NOTHING
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number for running text, without exponents: 0.00192, 0.0500, 11.5; a dash for NaN."""
+    if not math.isfinite(value):
+        return NOTHING
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def seconds(value: float) -> str:
+    """Return a duration with its unit, with one decimal or, where they say something, two."""
+    return f"{value:.2f}".removesuffix("0") + "\N{NO-BREAK SPACE}s" if math.isfinite(value) else NOTHING
+
+
+def run_line(run: RunData) -> str:
+    """Return what kind of run it was."""
+    config = run.config
+    arm = f"{config.arm.name} ({'simulated' if config.run.arm == 'sim' else 'external'} arm)"
+    path = config.path.name or config.path.file.rpartition("/")[2]
+    strategy = config.practice.strategy.replace("_", " ")
+    if config.practice.strategy != "direct":
+        strategy += f", even steps in {config.practice.spacing}"
+    learner = f"{config.learning.name} ({config.learning.weights})"
+    training = f"{config.learning.training} trajectory training"
+    return f"{arm} · path {path} · {strategy} · {learner} · {training} · seed {config.seed}"
+
+
+def ending(run: RunData) -> str:
+    """Return how the run ended, plainly."""
+    done = sum(trial.completed for trial in run.trials)
+    planned = run.config.practice.trials
+    trials = f"{done} of {planned} {'trial' if planned == 1 else 'trials'} completed"
+    if run.outcome == "completed":
+        return f"{trials}."
+    if run.outcome == "running":
+        return f"The run did not come to its end (its summary still says that it is running); {trials}."
+    ended = f"The run {_ENDED.get(run.outcome, f'ended as “{run.outcome}”')}"
+    says_more = run.message and run.message.lower() != ended.lower()
+    why = f": {run.message.rstrip('.')}" if says_more else ""
+    return f"{ended}{why}. {trials}."
+
+
+_ENDED = {"aborted": "was aborted", "cancelled": "was cancelled", "failed": "failed"}
+
+
+def result(run: RunData) -> str:
+    """Return what came out of it: first, best and final error, and the gain in speed."""
+    moved = [trial for trial in run.trials if trial.reached_run]
+    if not moved:
+        return "In no trial did the movement begin, so there is no error to report."
+    if len(moved) == 1:
+        return f"RMS tracking error: {_error(moved[0])}."
+    completed = [trial for trial in moved if trial.completed]
+    # Half a movement has no best error, and is not the fastest one either.
+    best = min(completed or moved, key=lambda trial: trial.rms_error_rad)
+    return (
+        f"RMS tracking error: {_error(moved[0])} at first, {_error(best)} at best, "
+        f"{_error(moved[-1])} in the end.{_speed_up(moved[0], completed)}"
+    )
+
+
+def _speed_up(first: TrialSummary, completed: Sequence[TrialSummary]) -> str:
+    if len(completed) < 2:
+        return ""
+    shortest_s = min(trial.duration_s for trial in completed)
+    faster = first.duration_s / shortest_s
+    if abs(faster - 1.0) < 1e-6:
+        return f" The speed stayed the same: {seconds(shortest_s)} a trial."
+    return (
+        f" From {seconds(first.duration_s)} to {seconds(shortest_s)}, the movement became "
+        f"{significant(faster, 2)} times as fast."
+    )
+
+
+def _error(trial: TrialSummary) -> str:
+    how = "" if trial.completed else f", {trial.outcome}"
+    error = f"{significant(trial.rms_error_rad)}\N{NO-BREAK SPACE}rad"
+    return f"{error} (trial {trial.index}, {seconds(trial.duration_s)}{how})"
+
+
+def trial_label(trial: TrialSummary) -> str:
+    """Return a trial's name for a legend or a title."""
+    return f"Trial {trial.index}" + ("" if trial.completed else f", {trial.outcome}")
+
+
+def growth(trial: TrialSummary, joints: tuple[str, ...]) -> list[list[str]]:
+    """Return what grew in one trial: a list for each joint's network, and one for what belongs to none."""
+    columns: list[list[str]] = [[] for _ in range(len(joints) + 1)]
+    for item in trial.grown:
+        joint, _, what = item.partition(": ")
+        if joint in joints and what:
+            columns[joints.index(joint)].append(what)
+        else:
+            columns[-1].append(item)
+    return columns

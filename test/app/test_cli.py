@@ -1,0 +1,98 @@
+"""What a person reads when something about the input is wrong: one line, exit code 2, nothing started."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tel_ros.app.cli import main
+
+PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    result = CliRunner().invoke(main, list(arguments))
+    return result.exit_code, result.stdout, result.stderr
+
+
+def waypoints(tmp_path: Path, text: str) -> str:
+    file = tmp_path / "waypoints.csv"
+    file.write_text(text)
+    return f"path.file={file}"
+
+
+@pytest.mark.parametrize(
+    ("override", "parts"),
+    [
+        ("control.coridor_rad=0.5", ["control.coridor_rad", "0.5", "known key", "corridor_rad"]),
+        ("control.corridor_rad=-0.5", ["control.corridor_rad", "-0.5", "finite number above 0"]),
+        ("control.corridor_rad=57 deg", ["control.corridor_rad", "57 deg", "valid number"]),
+        ("practice.first_duration_s=3", ["practice.first_duration_s", "3.0", "goal_duration_s = 4.5"]),
+        ("arm.urdf=nowhere.urdf", ["nowhere.urdf", "no such file", "arm.urdf"]),
+        ("arm.joints=[shoulder, wrist]", ["arm.joints", "wrist", "shoulder, elbow"]),
+        ("practice.goal_duration_s=0.5", ["path.name", "planar_loops", "the arm can follow in"]),
+        ("path.name=spiral", ["path.name", "spiral", "planar_loops"]),
+        ("practice.strategy", ["practice.strategy", "an assignment"]),
+    ],
+)
+def test_wrong_values_are_named_with_what_was_expected(
+    tmp_path: Path, override: str, parts: list[str]
+) -> None:
+    code, out, err = run("practice", str(PAPER), "--set", override, "--out", str(tmp_path / "run"))
+    assert code == 2
+    assert out == ""
+    assert len(err.strip().splitlines()) == 1
+    for part in parts:
+        assert part in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("shoulder,elbow\n0.1,0.2\nnan,0.4\n", ["line 3", "shoulder", "nan", "a finite number in rad"]),
+        ("shoulder,elbow\n0.1,0.2\n0.3\n", ["line 3 has 1 values", "expected 2"]),
+        ("shoulder,wrist\n0.1,0.2\n", ["line 1", "wrist", "shoulder, elbow"]),
+    ],
+)
+def test_malformed_waypoints_are_named_with_file_and_line(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
+    code, out, err = run(
+        "practice", str(PAPER), "--set", waypoints(tmp_path, text), "--out", str(tmp_path / "run")
+    )
+    assert (code, out) == (2, "")
+    assert str(tmp_path / "waypoints.csv") in err
+    for part in parts:
+        assert part in err
+
+
+def test_a_missing_configuration_is_named(tmp_path: Path) -> None:
+    code, _, err = run("practice", str(tmp_path / "mine.yaml"))
+    assert code == 2
+    assert f"{tmp_path / 'mine.yaml'}: there is no such file; expected a YAML file" in err
+
+
+def test_an_urdf_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text("<robot")
+    code, _, err = run("practice", str(PAPER), "--set", f"arm.urdf={tmp_path / 'arm.urdf'}")
+    assert code == 2
+    assert f"{tmp_path / 'arm.urdf'}: not a readable URDF" in err
+
+
+def test_a_folder_that_exists_is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "precious").write_text("data")
+    code, out, err = run("practice", str(PAPER), "--out", str(tmp_path / "run"))
+    assert (code, out) == (2, "")
+    assert f"{tmp_path / 'run'}: exists already; expected a folder that is new (option --out)" in err
+    assert (tmp_path / "run" / "precious").read_text() == "data"
+
+
+def test_help_names_the_commands_and_the_exit_codes() -> None:
+    code, out, _ = run("--help")
+    assert code == 0
+    for part in ("practice", "report", "Exit codes"):
+        assert part in out

@@ -1,0 +1,79 @@
+"""The one-way brake: it takes energy out of a moving arm and never puts any in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from two_link import TwoLinkArm
+
+from tel_ros.core.control.brake import OneWayBrake
+from tel_ros.core.control.ep_law import EpLaw
+
+DT_S = 0.002
+UNDAMPED = EpLaw(np.full(2, 15.0), np.zeros(2), np.full(2, 20.0))
+PAPER = EpLaw(np.full(2, 15.0), np.full(2, 1.5), np.full(2, 20.0))
+
+
+def brake(arm: TwoLinkArm, law: EpLaw, duration_s: float) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return position, velocity and effort at each tick of braking an arm."""
+    one_way = OneWayBrake(np.array(arm.q))
+    record = []
+    for _ in range(round(duration_s / DT_S)):
+        q, v = np.array(arm.q), np.array(arm.v)
+        effort, _ = law.effort(one_way.equilibrium(q, v), q, v)
+        record.append((q, v, effort))
+        arm.step(effort, DT_S)
+    return record
+
+
+def random_arm(seed: int) -> TwoLinkArm:
+    rng = np.random.default_rng(seed)
+    return TwoLinkArm(
+        q=tuple(rng.uniform(-2.0, 2.0, 2)),
+        v=tuple(rng.uniform(-8.0, 8.0, 2)),
+        friction_nms_per_rad=0.0,
+        inertia_scale=float(rng.uniform(0.3, 3.0)),
+    )
+
+
+@pytest.mark.parametrize("law", [UNDAMPED, PAPER], ids=["springs_alone", "springs_and_dampers"])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_joint_is_ever_pulled_along_its_motion(law: EpLaw, seed: int) -> None:
+    record = brake(random_arm(seed), law, 2.0)
+    power_w = np.array([effort * v for _, v, effort in record])
+    assert np.all(power_w <= 0.0)
+    assert power_w.min() < -1.0, "nothing was braked at all"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_moving_arm_comes_to_rest_and_stays_where_it_stopped(seed: int) -> None:
+    arm = random_arm(seed)
+    before_j = arm.kinetic_energy()
+    record = brake(arm, PAPER, 4.0)
+    # A heavy joint that creeps along with its own damper alone slows down with I / B < 1 s.
+    assert arm.kinetic_energy() < 1e-3 * before_j
+    assert np.abs(record[-1][0] - record[-250][0]).max() < 0.02
+
+
+def test_a_spring_does_not_fling_a_joint_back() -> None:
+    """One joint in effect: a latched spring alone would give the whole motion back, turned round."""
+    arm = TwoLinkArm(q=(0.0, 1.0), v=(3.0, 0.0), friction_nms_per_rad=0.0)
+    record = brake(arm, UNDAMPED, 3.0)
+    fastest_back = -min(v[0] for _, v, _ in record)
+    assert fastest_back < 0.5, "the shoulder swings back at more than what the elbow's swing gives it"
+
+
+def test_each_joint_is_braked_on_its_own() -> None:
+    one_way = OneWayBrake(np.array([0.0, 0.0]))
+    # The first joint has moved on in the direction of its motion: its spring pulls back, and stays.
+    # The second moves towards its equilibrium point: it takes it along.
+    one_way.equilibrium(np.array([0.1, 0.1]), np.array([1.0, 1.0]))
+    u = one_way.equilibrium(np.array([0.2, 0.08]), np.array([1.0, -1.0]))
+    assert u.tolist() == [0.0, 0.08]
+
+
+def test_the_brake_does_not_follow_the_array_that_it_was_given() -> None:
+    position = np.array([0.5, 0.5])
+    one_way = OneWayBrake(position)
+    position += 1.0
+    assert one_way.equilibrium(np.array([0.6, 0.6]), np.array([1.0, 1.0])).tolist() == [0.5, 0.5]

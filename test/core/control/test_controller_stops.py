@@ -1,0 +1,269 @@
+"""Trials that end before their end: aborted, cancelled, or without states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from two_link import Bench, TwoLinkArm, loops, make_bench, reach
+
+from tel_ros.core.control.records import ArmState, Outcome, Phase
+from tel_ros.core.types import NS_PER_S
+
+COURSE = [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]
+AWAY = (1.2, 0.8)  # a posture apart from where the goals start
+LOST = "no joint state for 0.1 s"
+
+
+def in_run(time_s: float, **configuration: dict[str, object]) -> Bench:
+    """Return a bench at some time after the beginning of RUN."""
+    bench = make_bench(**configuration)
+    bench.controller.start(reach())
+    bench.until(lambda b: b.controller.time_from_start_s >= time_s)
+    return bench
+
+
+def stopped() -> Bench:
+    """Return a bench whose arm is held after a cancellation."""
+    bench = in_run(0.5)
+    bench.controller.cancel()
+    bench.finish()
+    return bench
+
+
+def out_of_the_corridor() -> Bench:
+    bench = make_bench(control={"corridor_rad": 0.1})
+    bench.controller.start(loops(4.5))
+    return bench
+
+
+def too_fast() -> Bench:
+    bench = in_run(0.3, description={"velocity_limit_rad_s": (3.0, 3.0)})
+    bench.arm.v = (-3.5, 0.0)
+    return bench
+
+
+def beyond_a_joint_limit() -> Bench:
+    bench = in_run(0.8, description={"position_max_rad": (0.95, 2.9)})
+    bench.arm.v = (4.0, 0.0)
+    return bench
+
+
+def stamps_that_go_back() -> Bench:
+    bench = in_run(0.5)
+    bench.time_ns -= 102_000_000
+    return bench
+
+
+def a_gap_in_the_stamps() -> Bench:
+    bench = in_run(0.5)
+    bench.time_ns += 148_000_000
+    return bench
+
+
+SCENES = {
+    out_of_the_corridor: r"(shoulder|elbow) is 0\.1\d\d rad off its desired position \(corridor 0\.100 rad\)",
+    too_fast: r"shoulder moves at -3\.50 rad/s \(limit 3\.00 rad/s\)",
+    beyond_a_joint_limit: r"shoulder is at 0\.9[56]\d rad \(limits -2\.900 to 0\.950 rad\)",
+    stamps_that_go_back: r"the stamps of the joint states went back by 0\.100 s",
+    a_gap_in_the_stamps: r"no joint state for 0\.150 s \(time-out 0\.1 s\)",
+}
+each_scene = pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
+
+
+@each_scene
+def test_the_trial_is_aborted_in_run_and_the_reason_given(scene: Callable[[], Bench]) -> None:
+    bench = scene()
+    report = bench.finish()
+    assert report.outcome == Outcome.ABORTED
+    assert re.fullmatch(SCENES[scene], report.message), report.message
+    assert bench.phases() == [*COURSE[:3], Phase.STOP]
+    error = (bench.position_rad - bench.column("desired_position_rad"))[bench.rows(Phase.RUN)]
+    assert report.rms_error_rad == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)  # rounding
+
+
+@each_scene
+def test_from_the_abort_on_the_arm_is_only_braked_and_then_held(scene: Callable[[], Bench]) -> None:
+    bench = scene()
+    bench.finish()
+    braking = bench.rows(Phase.STOP)
+    assert np.all((bench.column("effort_nm") * bench.velocity_rad_s)[braking] <= 0.0)
+    bench.steps(1.5)
+    assert bench.controller.phase == Phase.STOP
+    # Less than what counts as standing still during one window of rest, 0.05 rad/s × 0.2 s.
+    assert np.ptp(bench.position_rad[-250:], axis=0).max() < 0.01
+    assert bench.arm.kinetic_energy() < 1e-4
+    assert np.all(np.abs(bench.column("effort_nm")) <= 20.0)
+
+
+@each_scene
+def test_a_new_trial_can_start_from_where_the_arm_stopped(scene: Callable[[], Bench]) -> None:
+    bench = scene()
+    bench.finish()
+    n, held = len(bench.ticks), bench.ticks[-1].equilibrium_rad
+    report = bench.run(reach(duration_s=3.0, index=2))  # slow enough for the narrow corridor, too
+    assert (report.outcome, report.index, report.message) == (Outcome.COMPLETED, 2, "")
+    assert report.ticks == len(bench.ticks) - n
+    assert bench.phases(n) == COURSE
+    np.testing.assert_array_equal(bench.ticks[n].equilibrium_rad, held)
+
+
+@pytest.mark.parametrize(
+    ("pushed_in", "message"),
+    [
+        (Phase.SETTLE, "not at rest at the start posture after 1.0 s"),
+        (Phase.HOLD, "not at rest after the movement after 1.0 s"),
+    ],
+)
+def test_an_arm_that_does_not_come_to_rest_aborts_the_trial(pushed_in: Phase, message: str) -> None:
+    bench = make_bench(control={"settle_timeout_s": 1.0})
+    bench.controller.start(reach())
+    bench.until_phase(pushed_in)
+    bench.arm.push = lambda t: (2.0 * np.sin(6.0 * t), 0.0)
+    bench.until_phase(Phase.STOP)
+    stayed = bench.stamps_ns[bench.rows(pushed_in)]
+    assert stayed[-1] - stayed[0] == pytest.approx(1.0 * NS_PER_S, abs=bench.period_ns)
+    bench.arm.push = lambda t: (0.0, 0.0)
+    report = bench.finish()
+    assert (report.outcome, report.message) == (Outcome.ABORTED, message)
+    assert np.isnan(report.rms_error_rad) == (pushed_in == Phase.SETTLE)
+
+
+def test_a_trial_ends_even_if_the_arm_does_not_come_to_rest_under_the_brake() -> None:
+    bench = in_run(0.5, control={"settle_timeout_s": 1.0})
+    bench.controller.cancel()
+    bench.arm.push = lambda t: (4.0 * np.sin(6.0 * t), 0.0)
+    report = bench.finish()
+    assert report.outcome == Outcome.CANCELLED
+    assert report.message == "cancelled; it was not at rest under the brake after 1.0 s"
+
+
+def test_an_arm_that_is_pushed_gently_stays_held_after_a_stop() -> None:
+    bench = stopped()
+    bench.steps(0.5)
+    held = bench.position_rad[-1]
+    bench.arm.push = lambda t: (0.1, -0.1)
+    bench.steps(2.0)
+    # What springs of 15 N·m/rad give way under 0.1 N·m; 1 mrad for what of the stop was still to settle.
+    np.testing.assert_allclose(bench.position_rad[-1] - held, (0.1 / 15, -0.1 / 15), atol=1e-3)
+
+
+def test_a_stopped_arm_does_not_creep_with_the_noise_of_its_sensors() -> None:
+    bench = stopped()
+    held = bench.ticks[-1].equilibrium_rad
+    rng = np.random.default_rng(3)
+    for _ in range(1000):
+        bench.time_ns += bench.period_ns
+        noisy = np.array(bench.arm.q) + rng.normal(0.0, 1e-3, 2)
+        tick = bench.controller.tick(ArmState(bench.time_ns, noisy, rng.normal(0.0, 0.3, 2)))
+        np.testing.assert_array_equal(tick.equilibrium_rad, held)
+
+
+def test_a_gap_between_trials_brakes_the_arm_and_leaves_the_report_alone() -> None:
+    bench = make_bench()
+    report = bench.run(reach())
+    bench.time_ns += NS_PER_S
+    assert bench.step().phase == Phase.STOP
+    assert bench.controller.report is report
+    assert report.outcome == Outcome.COMPLETED
+
+
+def test_a_stop_in_which_the_stamps_go_back_still_ends() -> None:
+    """The clock of an arm that restarts begins anew; the trial must not hang for that."""
+    bench = make_bench(time_ns=1000 * NS_PER_S)
+    bench.controller.start(reach())
+    bench.until_phase(Phase.SETTLE)
+    bench.steps(0.1)
+    bench.controller.cancel()
+    bench.steps(0.1)  # half of what it takes to count as at rest
+    bench.time_ns = NS_PER_S
+    assert bench.finish().outcome == Outcome.CANCELLED
+
+
+@pytest.mark.parametrize("phase", COURSE, ids=lambda phase: phase.name)
+def test_a_trial_can_be_cancelled_in_each_phase(phase: Phase) -> None:
+    bench = make_bench(TwoLinkArm(q=AWAY))
+    bench.controller.start(reach())
+    bench.until_phase(phase)
+    bench.steps(0.02)
+    bench.controller.cancel()
+    report = bench.finish()
+    assert (report.outcome, report.message) == (Outcome.CANCELLED, "cancelled")
+    assert bench.phases() == [*COURSE[: COURSE.index(phase) + 1], Phase.STOP]
+    bench.steps(1.0)
+    assert bench.arm.kinetic_energy() < 1e-4
+
+
+def test_a_trial_that_is_cancelled_before_a_state_came_knows_when_it_began() -> None:
+    bench = make_bench()
+    bench.step()
+    bench.controller.start(reach())
+    bench.controller.cancel()
+    report = bench.finish()
+    assert report.outcome == Outcome.CANCELLED
+    assert report.ticks == len(bench.ticks)
+    assert report.start_ns == bench.stamps_ns[0]
+
+
+def test_without_a_trial_cancelling_changes_nothing() -> None:
+    bench = make_bench()
+    bench.controller.cancel()
+    assert bench.step() is None
+    assert bench.controller.report is None
+
+
+def test_an_abort_is_not_turned_into_a_cancellation() -> None:
+    bench = too_fast()
+    bench.until_phase(Phase.STOP)
+    bench.controller.cancel()
+    assert bench.finish().outcome == Outcome.ABORTED
+
+
+def test_losing_the_states_ends_the_trial_at_once() -> None:
+    bench = in_run(0.5)
+    bench.controller.lose_states(LOST)
+    report = bench.controller.report
+    assert (report.outcome, report.message) == (Outcome.ABORTED, LOST)
+    assert report.end_ns == bench.stamps_ns[-1]
+    assert report.ticks == len(bench.ticks)
+    assert not bench.controller.active
+
+
+def test_losing_states_before_the_first_trial_changes_nothing() -> None:
+    bench = make_bench()
+    bench.controller.lose_states(LOST)
+    assert bench.controller.report is None
+    assert bench.step() is None
+
+
+def test_when_states_return_the_arm_is_braked_from_where_it_is_by_then() -> None:
+    bench = in_run(0.5)
+    bench.controller.lose_states(LOST)
+    bench.arm.q, bench.arm.v = (0.2, 0.9), (1.0, -1.0)
+    bench.time_ns += 3 * NS_PER_S
+    n = len(bench.ticks)
+    bench.steps(3.0)
+    np.testing.assert_array_equal(bench.ticks[n].equilibrium_rad, (0.2, 0.9))
+    assert bench.phases(n) == [Phase.STOP]
+    # Once at rest the springs stay latched, and may push back what little still moves.
+    assert np.all((bench.column("effort_nm") * bench.velocity_rad_s)[n:] <= 1e-5)
+    assert bench.arm.kinetic_energy() < 1e-4
+
+
+@pytest.mark.parametrize("then", ["held_again", "next_trial"])
+@pytest.mark.parametrize("lost_in", ["run", "hold", "stop"])
+def test_an_arm_that_moved_while_nobody_held_it_is_not_pulled_back(lost_in: str, then: str) -> None:
+    """Effort goes to zero without states: by the time they return, the arm is somewhere else."""
+    bench = stopped() if lost_in == "stop" else in_run(0.5)
+    if lost_in == "hold":
+        bench.finish()
+    bench.controller.lose_states(LOST)
+    bench.arm.q, bench.arm.v = (0.2, 0.9), (0.0, 0.0)
+    bench.time_ns += 3 * NS_PER_S
+    if then == "next_trial":
+        bench.controller.start(reach(index=2))
+    tick = bench.step()
+    np.testing.assert_array_equal(tick.equilibrium_rad, (0.2, 0.9))
+    np.testing.assert_array_equal(tick.effort_nm, 0.0)

@@ -1,0 +1,176 @@
+"""The LMS tree against its formulas, written out in loops."""
+
+from __future__ import annotations
+
+from math import exp
+
+import numpy as np
+import pytest
+
+from tel_ros.core.learning.lms_tree import Leaf, LmsTree
+
+N_INPUTS, N_GAUSSIANS, WIDTH = 3, 5, 0.8
+LEAVES = [Leaf(0, 1, 2), Leaf(1, 0, 3), Leaf(0, 2, 0), Leaf(2, 1, 4)]
+"""The second hangs under the first and the last under the second: three Gaussians deep."""
+
+
+def phi(x: np.ndarray, leaf: Leaf) -> float:
+    spacing = 1.0 / (N_GAUSSIANS - 1)
+    return exp(-((x[leaf.input] - leaf.gaussian * spacing) ** 2) / (2 * (WIDTH * spacing) ** 2))
+
+
+def gate(x: np.ndarray, subtree: int) -> float:
+    """Return g_k: the product of the Gaussians on the way from the root."""
+    if subtree == 0:
+        return 1.0
+    parent = LEAVES[subtree - 1]
+    return gate(x, parent.subtree) * phi(x, parent)
+
+
+def output(x: np.ndarray, weights: np.ndarray) -> float:
+    """Return N(x) = Σ_k g_k(x) Σ_d,i w_k,d,i φ_d,i(x)."""
+    return sum(weights[k, d, i] * gate(x, k) * phi(x, Leaf(k, d, i)) for k, d, i in np.ndindex(weights.shape))
+
+
+def grown_tree(seed: int | None = 0) -> LmsTree:
+    """Return a tree with four subtrees, with random weights or (seed None) without any."""
+    tree = LmsTree(N_INPUTS, N_GAUSSIANS, WIDTH)
+    for leaf in LEAVES:
+        tree.grow(leaf)
+    if seed is not None:
+        tree.weights = np.random.default_rng(seed).normal(size=tree.weights.shape)
+    return tree
+
+
+def inputs(n: int, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).random((n, N_INPUTS))
+
+
+def test_an_untrained_tree_says_zero() -> None:
+    np.testing.assert_array_equal(LmsTree(6, 10, 1.0).predict(np.random.default_rng(0).random((7, 6))), 0.0)
+
+
+def test_the_output_of_a_grown_tree_is_the_sum_of_products_of_gaussians() -> None:
+    tree, x = grown_tree(), inputs(20)
+    expected = [output(row, tree.weights) for row in x]
+    np.testing.assert_allclose(tree.predict(x), expected, rtol=1e-12, atol=1e-12)  # sums in another order
+
+
+def test_each_feature_is_a_gaussian_behind_the_gate_of_its_subtree() -> None:
+    tree, x = grown_tree(), inputs(4)
+    psi = tree.features(x).reshape(4, 5, N_INPUTS, N_GAUSSIANS)
+    for n, k, d, i in np.ndindex(psi.shape):
+        assert psi[n, k, d, i] == pytest.approx(gate(x[n], k) * phi(x[n], Leaf(k, d, i)), rel=1e-12)
+
+
+def test_a_gaussian_is_one_at_its_centre_and_centres_reach_from_end_to_end() -> None:
+    tree = LmsTree(1, 10, 1.0)
+    centres = np.linspace(0.0, 1.0, 10)[:, None]
+    np.testing.assert_array_equal(np.diag(tree.features(centres)), 1.0)
+    # One standard deviation away at the next centre.
+    np.testing.assert_allclose(np.diag(tree.features(centres), 1), exp(-0.5), rtol=1e-12)
+
+
+@pytest.mark.parametrize("leaf", [Leaf(0, 0, 0), Leaf(3, 2, 1)])
+def test_growing_leaves_the_output_as_it_was(leaf: Leaf) -> None:
+    tree, x = grown_tree(), inputs(20)
+    before = tree.predict(x)
+    tree.grow(leaf)
+    np.testing.assert_allclose(tree.predict(x), before, rtol=1e-12)  # sums in another order
+    assert tree.n_subtrees == 5
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.5, 1.0])
+def test_learning_one_sample_removes_the_share_gamma_of_its_error(rate: float) -> None:
+    tree, x, target = grown_tree(), inputs(1), np.array([3.0])
+    error = target - tree.predict(x)
+    tree.learn(x, target, rate)
+    # The ε of the normalised rule is 1e-9 of |ψ|², which is above 1 here.
+    np.testing.assert_allclose(target - tree.predict(x), (1.0 - rate) * error, atol=1e-8)
+
+
+def test_the_change_of_a_weight_is_the_normalised_lms_rule() -> None:
+    tree, x, target = grown_tree(), inputs(1), np.array([-2.0])
+    psi, before = tree.features(x)[0], tree.weights.ravel().copy()
+    error = -2.0 - psi @ before
+    tree.learn(x, target, 0.3)
+    np.testing.assert_allclose(tree.weights.ravel() - before, 0.3 * error * psi / (psi @ psi), atol=1e-8)
+
+
+def test_samples_are_learned_one_after_the_other() -> None:
+    together, apart, x = grown_tree(), grown_tree(), inputs(30)
+    target = np.sin(5.0 * x.sum(axis=1))
+    together.learn(x, target, 0.5)
+    for k in range(30):
+        apart.learn(x[k : k + 1], target[k : k + 1], 0.5)
+    np.testing.assert_allclose(together.weights, apart.weights, atol=1e-12)  # sums in another order
+
+
+def test_learning_again_and_again_approaches_a_function_that_the_tree_can_represent() -> None:
+    truth, tree, x = grown_tree(seed=0), grown_tree(seed=None), inputs(100)
+    target = truth.predict(x)
+    before = np.sqrt(np.mean(target**2))
+    for _ in range(50):
+        tree.learn(x, target, 0.5)
+    # The slowest of its directions are learned slowly: 0.04 is left, and less with each further pass.
+    assert np.sqrt(np.mean((target - tree.predict(x)) ** 2)) < 0.1 * before
+
+
+def test_the_variance_is_that_of_each_weights_changes() -> None:
+    tree, x = grown_tree(), inputs(40)
+    target = np.cos(7.0 * x[:, 0])
+    one_by_one, weights = grown_tree(), [tree.weights.copy()]
+    for k in range(40):
+        one_by_one.learn(x[k : k + 1], target[k : k + 1], 0.5)
+        weights.append(one_by_one.weights.copy())
+    variance = tree.learn(x, target, 0.5)
+    # One formula subtracts two sums, the other squares differences: rounding of changes of order 0.1.
+    np.testing.assert_allclose(variance, np.var(np.diff(weights, axis=0), axis=0), atol=1e-12)
+
+
+def test_the_tree_grows_where_the_changes_varied_most() -> None:
+    tree = grown_tree()
+    variance = np.random.default_rng(5).random(tree.weights.shape)
+    variance[3, 1, 2] = 2.0
+    assert tree.most_pulled_leaf(variance) == Leaf(3, 1, 2)
+
+
+def test_a_leaf_that_has_a_subtree_does_not_get_another() -> None:
+    tree = grown_tree()
+    variance = np.random.default_rng(5).random(tree.weights.shape)
+    for leaf in LEAVES:
+        variance[leaf.subtree, leaf.input, leaf.gaussian] = 10.0
+    variance[1, 2, 2] = 2.0
+    kept = variance.copy()
+    assert tree.most_pulled_leaf(variance) == Leaf(1, 2, 2)
+    np.testing.assert_array_equal(variance, kept)
+
+
+def test_where_nothing_changed_a_free_leaf_is_found_all_the_same() -> None:
+    tree = LmsTree(1, 3, 1.0)
+    grown = []
+    for _ in range(3):
+        grown.append(tree.most_pulled_leaf(np.zeros(tree.weights.shape)))
+        tree.grow(grown[-1])
+    assert len(set(grown)) == 3
+
+
+def test_a_tree_with_subtrees_learns_a_product_that_the_root_alone_cannot() -> None:
+    """That is what growing is for: the root is a sum of functions of one input each."""
+    rng = np.random.default_rng(2)
+    x = rng.random((400, 2))
+    target = (x[:, 0] - 0.5) * (x[:, 1] - 0.5)
+    root, grown = LmsTree(2, 6, 1.0), LmsTree(2, 6, 1.0)
+    for gaussian in range(6):
+        grown.grow(Leaf(0, 0, gaussian))
+    for tree in (root, grown):
+        for _ in range(30):
+            tree.learn(x, target, 0.5)
+    errors = [np.sqrt(np.mean((target - tree.predict(x)) ** 2)) for tree in (root, grown)]
+    assert errors[0] > 0.9 * target.std()
+    assert errors[1] < 0.3 * target.std()
+
+
+def test_the_parents_as_an_array_are_the_leaves_in_order() -> None:
+    np.testing.assert_array_equal(grown_tree().parents_array, [(0, 1, 2), (1, 0, 3), (0, 2, 0), (2, 1, 4)])
+    assert LmsTree(2, 3, 1.0).parents_array.shape == (0, 3)

@@ -1,0 +1,59 @@
+"""Each test has a ROS domain of its own, and whatever it started is ended with it."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from graph_harness import PAPER, Graph, TelProcess
+
+from tel_ros.recording.config_file import load_config
+
+_DOMAINS = itertools.count(os.getpid())
+
+
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Give the test a ROS domain that no other test has used."""
+    number = 1 + next(_DOMAINS) % 100
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return number
+
+
+@pytest.fixture
+def tel(tmp_path: Path) -> Iterator[Callable[..., TelProcess]]:
+    """Return a function that starts ``tel practice`` with overrides; whatever it started is ended."""
+    started: list[TelProcess] = []
+
+    def start(*overrides: str, config: Path = PAPER, name: str = "run", **environment: str) -> TelProcess:
+        folder = tmp_path / name
+        arguments = ["practice", str(config), "--out", str(folder), "--no-report", "--json"]
+        for override in overrides:
+            arguments += ["--set", override]
+        started.append(TelProcess(arguments, folder, environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.process.poll() is None:
+            process.kill()
+            process.process.communicate(timeout=10.0)
+
+
+@pytest.fixture
+def graph(tmp_path: Path, domain: int) -> Iterator[Callable[..., Graph]]:
+    """Return a function that starts nodes with overrides of the paper's configuration."""
+    running: list[Graph] = []
+
+    def start(names: list[str], *overrides: str) -> Graph:
+        made = Graph(load_config(PAPER, overrides), tmp_path / "graph", names, domain)
+        running.append(made)
+        return made.__enter__()
+
+    yield start
+    for made in running:
+        made.__exit__()

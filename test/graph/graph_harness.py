@@ -1,0 +1,214 @@
+"""Running the real graph from a test: processes over DDS, and a client beside them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Bool
+from tel_interfaces.action import ExecuteTrial
+
+from tel_ros.app.bring_up import NodeProcesses
+from tel_ros.core.config import Config
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import to_goal_message
+from tel_ros.recording import topics
+from tel_ros.recording.run_folder import CONFIG_FILE, create_run_folder
+from tel_ros.recording.waypoint_file import load_path
+
+ROOT = Path(__file__).parents[2]
+PAPER = ROOT / "config" / "paper.yaml"
+QUICK = ("practice.trials=3", "practice.first_duration_s=6.0", "practice.goal_duration_s=5.0")
+"""A practice run of a few seconds."""
+
+
+class TelProcess:
+    """The command ``tel`` in a process of its own.
+
+    Args:
+        arguments: after ``tel``.
+        folder: of the run, if it makes one.
+        environment: additional variables.
+    """
+
+    def __init__(self, arguments: list[str], folder: Path, environment: dict[str, str]) -> None:
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tel_ros.app.cli", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            cwd=ROOT,
+            env={**os.environ, **environment},
+        )
+        self._seen: dict[str, psutil.Process] = {}
+
+    def nodes(self) -> dict[str, psutil.Process]:
+        """Return the processes of the nodes that it has started so far."""
+        try:
+            children = psutil.Process(self.process.pid).children()
+        except psutil.NoSuchProcess:
+            children = []
+        for child in children:
+            try:
+                module = child.cmdline()[2].split(".")
+            except (psutil.NoSuchProcess, IndexError):
+                continue
+            self._seen[module[0] if module[0] == "sim_bridge" else module[-1]] = child
+        return self._seen
+
+    def wait_until_moving(self, trial: int, timeout_s: float = 60.0) -> dict[str, psutil.Process]:
+        """Wait until the controller has taken up a trial, and a moment longer; return the nodes."""
+        log = self.folder / "log" / "ep_controller.log"
+        wait_until(
+            lambda: log.exists() and f"trial {trial}: " in log.read_text(), timeout_s, f"trial {trial}"
+        )
+        time.sleep(0.3)
+        return self.nodes()
+
+    def finish(self, timeout_s: float = 90.0) -> tuple[int, str, str]:
+        """Wait for the end; return exit code, stdout and stderr."""
+        self.nodes()
+        try:
+            out, err = self.process.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise
+        return self.process.returncode, out, err
+
+    def left_behind(self) -> list[str]:
+        """Return the names of nodes that still run."""
+        return [name for name, process in self._seen.items() if _runs(process)]
+
+    def kill(self) -> None:
+        """End everything at once."""
+        for process in [*self.nodes().values(), psutil.Process(self.process.pid)]:
+            if _runs(process):
+                process.kill()
+
+
+def _runs(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+    """Wait for a condition; fail the test when it does not come."""
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
+        time.sleep(0.05)
+
+
+class Graph:
+    """Some of the nodes in processes of their own, and a client beside them.
+
+    Args:
+        config: of the nodes.
+        folder: for the configuration and the logs; must not exist.
+        names: which nodes to start.
+        domain: ROS domain.
+    """
+
+    def __init__(self, config: Config, folder: Path, names: list[str], domain: int) -> None:
+        self.config, self.folder = config, folder
+        create_run_folder(folder, config)
+        self.processes = NodeProcesses(folder / CONFIG_FILE, names, folder / "log")
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("test", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.trials = ActionClient(self.node, ExecuteTrial, topics.EXECUTE_TRIAL)
+
+    def __enter__(self) -> Graph:
+        self.processes.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.processes.stop()
+        self.trials.destroy()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Spin the client until a condition holds; fail the test when it does not come."""
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def listen(self, kind: type, topic: str, depth: int = 1000) -> list[Any]:
+        """Return a list that the messages of a topic are appended to."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, depth)
+        return heard
+
+    def call(self, kind: type, name: str, request: Any, timeout_s: float = 20.0) -> Any:
+        """Call a service."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, timeout_s, name)
+        future = client.call_async(request)
+        self.spin_until(future.done, timeout_s, f"an answer of {name}")
+        return future.result()
+
+    def wait_for_controller(self) -> None:
+        """Wait until the controller sees the arm and the arm hears the controller."""
+        heard: list[Any] = []
+        self.node.create_subscription(Bool, topics.READY, heard.append, qos.LATCHED)
+        self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+        self.spin_until(lambda: bool(heard) and heard[-1].data, 20.0, topics.READY)
+
+    def goal(self, duration_s: float = 5.0) -> ExecuteTrial.Goal:
+        """Return a good goal: the configured path, the desired positions as equilibrium points."""
+        desired = self.desired(duration_s)
+        return to_goal_message(1, 1.0, self.config.arm.joints, desired, desired.position_rad)
+
+    def desired(self, duration_s: float) -> DesiredTrajectory:
+        """Return the configured path at a duration."""
+        return sample(load_path(self.config.path, self.config.arm), duration_s, self.config.control.rate_hz)
+
+    def send(self, goal: ExecuteTrial.Goal, feedback: list[Any] | None = None) -> Any:
+        """Send a trial and return the goal handle."""
+        on_feedback = None if feedback is None else lambda message: feedback.append(message.feedback)
+        sent = self.trials.send_goal_async(goal, feedback_callback=on_feedback)
+        self.spin_until(sent.done, 10.0, "the answer to the goal")
+        return sent.result()
+
+    def result(self, handle: Any, timeout_s: float = 40.0) -> Any:
+        """Wait for the end of a trial and return its result."""
+        future = handle.get_result_async()
+        self.spin_until(future.done, timeout_s, "the result of the trial")
+        return future.result().result.result
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a node."""
+        os.kill(self.processes.pids[name], number)
+
+    def log(self, name: str) -> str:
+        """Return what a node has said."""
+        return (self.folder / "log" / f"{name}.log").read_text()
+
+
+def summary_of(out: str) -> dict[str, Any]:
+    """Return the summary that ``tel practice --json`` has printed."""
+    summary: dict[str, Any] = json.loads(out)
+    return summary

@@ -1,0 +1,194 @@
+"""The controller over DDS: goals that it refuses, trials that it ends, and what the arm feels then."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from graph_harness import Graph
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tel_interfaces.action import ExecuteTrial
+from tel_interfaces.msg import ControlState, TrialResult
+
+from tel_ros.recording import topics
+
+StartGraph = Callable[..., Graph]
+pytestmark = pytest.mark.timeout(100)
+
+ARM_AND_CONTROLLER = ["sim_bridge", "ep_controller"]
+
+
+def speed(state: JointState) -> float:
+    return float(np.abs(state.velocity).max())
+
+
+def test_a_trial_runs_from_rest_to_rest_and_reports_what_the_control_states_show(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    running.wait_for_controller()
+    feedback: list[Any] = []
+    result = running.result(running.send(running.goal(5.0), feedback))
+    running.spin_until(lambda: len(states) >= result.ticks, 10.0, "all control states")
+    assert result.outcome == TrialResult.COMPLETED, result.message
+    run = [s for s in states if s.phase == ControlState.RUN]
+    assert len(run) == 2501
+    error = np.array([s.position_rad for s in run]) - np.array([s.desired_position_rad for s in run])
+    assert result.rms_error_rad == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    assert result.max_error_rad == pytest.approx(np.abs(error).max(), rel=1e-9)
+    assert [s.phase for s in states[:1] + states[-1:]] == [ControlState.APPROACH, ControlState.HOLD]
+    assert feedback and feedback[-1].max_error_rad <= result.max_error_rad
+
+
+def broken(kind: str, goal: ExecuteTrial.Goal) -> ExecuteTrial.Goal:
+    """Return the goal with one thing wrong."""
+    if kind == "wrong joints":
+        goal.desired.joint_names = ["shoulder", "wrist"]
+    elif kind == "not finite":
+        goal.desired.position_rad[100] = float("nan")
+    elif kind == "command not finite":
+        goal.equilibrium_rad[7] = float("inf")
+    elif kind == "time goes back":
+        goal.desired.time_ns[50] = goal.desired.time_ns[49]
+    elif kind == "outside joint limits":
+        goal.desired.position_rad[100] = 3.5
+    elif kind == "too fast":
+        goal.desired.velocity_rad_s[100] = 50.0
+    elif kind == "does not end at rest":
+        goal.desired.velocity_rad_s[-1] = 1.0
+    elif kind == "too few commands":
+        goal.equilibrium_rad = goal.equilibrium_rad[:-2]
+    elif kind == "empty":
+        return ExecuteTrial.Goal()
+    return goal
+
+
+REFUSALS = {
+    "wrong joints": "the trajectory is for the joints shoulder, wrist; expected shoulder, elbow",
+    "not finite": "position_rad is nan for joint 1 at point 50; expected finite numbers",
+    "command not finite": "the equilibrium trajectory is inf for joint 2 at point 3",
+    "time goes back": "expected strictly increasing times",
+    "outside joint limits": "shoulder should be at 3.500 rad at 0.100 s; expected -2.900 to 2.900 rad",
+    "too fast": "shoulder should be at 50.000 rad/s",
+    "does not end at rest": "starts or ends with 1.000 rad/s; expected rest",
+    "too few commands": "equilibrium_rad has 5000 values; expected 2501 points of 2 joints",
+    "empty": "the trajectory is for the joints (none)",
+}
+
+
+def test_malformed_goals_are_refused_with_the_reason_and_nothing_moves(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER)
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.wait_for_controller()
+    for kind, reason in REFUSALS.items():
+        result = running.result(running.send(broken(kind, running.goal())))
+        assert result.outcome == TrialResult.REFUSED, kind
+        assert reason in result.message, kind
+    assert commands == []
+
+
+def test_one_trial_at_a_time_and_cancelling_brings_the_arm_to_rest(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    running.wait_for_controller()
+    first = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 30.0, "1.5 s of RUN")
+    second = running.result(running.send(running.goal()))
+    assert second.outcome == TrialResult.REFUSED
+    assert "one trial at a time" in second.message
+    first.cancel_goal_async()
+    result = running.result(first)
+    assert result.outcome == TrialResult.CANCELLED
+    running.spin_until(lambda: len(states) >= result.ticks, 10.0, "all control states")
+    assert states[-1].phase == ControlState.STOP
+    assert np.abs(states[-1].velocity_rad_s).max() < 0.1
+    again = running.result(running.send(running.goal()))
+    assert again.outcome == TrialResult.COMPLETED, again.message
+
+
+@pytest.mark.parametrize(
+    ("override", "reason"),
+    [
+        ("control.corridor_rad=0.2", "off its desired position (corridor 0.200 rad)"),
+        ("arm.velocity_limit_rad_s=[3.0, 9.0]", "shoulder moves at"),
+        ("arm.position_max_rad=[1.25, 2.9]", "shoulder is at 1.25"),
+    ],
+)
+def test_a_trial_is_aborted_at_its_limits_and_the_arm_braked_and_held(
+    graph: StartGraph, override: str, reason: str
+) -> None:
+    running = graph(ARM_AND_CONTROLLER, override)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    running.wait_for_controller()
+    result = running.result(running.send(running.goal(4.5)))
+    running.spin_until(lambda: len(states) >= result.ticks, 10.0, "all control states")
+    assert result.outcome == TrialResult.ABORTED
+    assert reason in result.message
+    stop = [s for s in states if s.phase == ControlState.STOP]
+    power = [np.max(np.multiply(s.effort_nm, s.velocity_rad_s)) for s in stop]
+    assert max(power) <= 1e-9  # the springs only brake
+    assert np.abs(stop[-1].velocity_rad_s).max() < 0.1
+
+
+def test_a_trial_without_joint_states_ends_with_zero_effort(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER, "sim.clock=realtime")
+    states = running.listen(ControlState, topics.CONTROL_STATES)
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.wait_for_controller()
+    handle = running.send(running.goal(5.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 0.5 for s in states[-20:]), 30.0, "RUN")
+    running.signal("sim_bridge", signal.SIGSTOP)
+    result = running.result(handle)
+    assert result.outcome == TrialResult.ABORTED
+    assert "no joint state for 0.1 s" in result.message
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 5.0, "zero effort")
+    running.signal("sim_bridge", signal.SIGCONT)
+    running.spin_until(lambda: states[-1].phase == ControlState.STOP, 10.0, "the brake")
+
+
+def test_a_goal_without_an_arm_is_refused(graph: StartGraph) -> None:
+    running = graph(["ep_controller"])
+    running.spin_until(running.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+    result = running.result(running.send(running.goal()))
+    assert result.outcome == TrialResult.REFUSED
+    assert "no joint states on /joint_states" in result.message
+
+
+def test_states_that_cannot_be_used_are_never_answered(graph: StartGraph) -> None:
+    running = graph(["ep_controller"], "run.arm=external")
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    arm = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    stamp_ns = 1_000_000_000
+
+    def publish(position: list[float], names: tuple[str, ...] = ("elbow", "shoulder")) -> None:
+        nonlocal stamp_ns
+        stamp_ns += 2_000_000
+        message = JointState(name=list(names), position=position, velocity=[0.0] * len(names))
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        arm.publish(message)
+        running.executor.spin_once(timeout_sec=0.002)
+
+    running.spin_until(lambda: publish([1.3, 0.6]) or running.trials.server_is_ready(), 20.0, "the action")
+    for _ in range(50):
+        publish([1.3, 0.6])
+    sent = running.trials.send_goal_async(running.goal())
+    running.spin_until(lambda: publish([1.3, 0.6]) or len(commands) > 20, 20.0, "commands")
+    assert sent.done() and all(np.isfinite(message.data).all() for message in commands)
+    heard = len(commands)
+    result = sent.result().get_result_async()
+
+    def publish_missing_joint() -> None:
+        publish([0.6], names=("shoulder",))
+
+    running.spin_until(lambda: publish([float("nan"), 0.6]) or result.done(), 20.0, "the end of the trial")
+    assert result.result().result.result.outcome == TrialResult.ABORTED
+    assert all(list(message.data) == [0.0, 0.0] for message in commands[heard + 5 :])
+    assert "expected finite numbers" in running.log("ep_controller")
+    complaint = "the joint state has shoulder; expected also elbow"
+    running.spin_until(
+        lambda: publish_missing_joint() or complaint in running.log("ep_controller"), 10.0, complaint
+    )
+    assert all(list(message.data) == [0.0, 0.0] for message in commands[heard + 5 :])

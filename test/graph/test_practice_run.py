@@ -1,0 +1,159 @@
+"""Whole practice runs as a user starts them: ``tel practice`` over DDS, one process a node."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from graph_harness import QUICK, TelProcess, summary_of, wait_until
+from rosbags.highlevel import AnyReader
+
+from tel_ros.recording import topics
+from tel_ros.recording.network_file import load_network
+from tel_ros.recording.trial_bag import read_trial
+
+Tel = Callable[..., TelProcess]
+pytestmark = pytest.mark.timeout(150)
+
+NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager"]
+
+
+def recorded(bag: Path, topic: str) -> list[tuple[int, bytes]]:
+    """Return time and content of a topic's messages, serialised anew: padding is not set to anything."""
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        store = reader.typestore
+        return [
+            (time_ns, bytes(store.serialize_cdr(store.deserialize_cdr(raw, c.msgtype), c.msgtype)))
+            for c, time_ns, raw in reader.messages(connections=connections)
+        ]
+
+
+def without_wall_clock(summary: dict[str, Any]) -> dict[str, Any]:
+    rows = [{key: value for key, value in row.items() if key != "wall_s"} for row in summary["trials"]]
+    return {**summary, "trials": rows, "run": None}
+
+
+def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel: Tel) -> None:
+    run = tel(*QUICK)
+    code, out, err = run.finish()
+    assert code == 0, err
+    summary = summary_of(out)
+    rows = summary["trials"]
+    assert summary["outcome"] == "completed"
+    assert [row["duration_s"] for row in rows] == [6.0, 5.5, 5.0]
+    # One trial teaches enough to more than halve the error, although the next trial is faster.
+    assert rows[1]["rms_error_rad"] < 0.5 * rows[0]["rms_error_rad"]
+    for row in rows:
+        trial = read_trial(run.folder / row["bag"])
+        error = trial.position_rad[trial.run] - trial.desired[trial.run, :2]
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(row["rms_error_rad"], rel=1e-9)
+        assert len(trial.time_ns) == row["ticks"]
+        assert row["training_rms_after_rad"] < row["training_rms_before_rad"]
+    assert load_network(run.folder / "network" / "network.npz").trials_learned == 3
+    assert run.left_behind() == []
+    assert not (run.folder / ".unfinished").exists()
+
+
+def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel: Tel) -> None:
+    first = tel(*QUICK, name="first")
+    code_1, out_1, err_1 = first.finish()
+    second = tel(*QUICK, name="second", TEL_ROS_PLAIN_EXECUTOR="1")
+    code_2, out_2, err_2 = second.finish()
+    assert (code_1, code_2) == (0, 0), err_1 + err_2
+    assert without_wall_clock(summary_of(out_1)) == without_wall_clock(summary_of(out_2))
+    for name in ("trial_001", "trial_003"):
+        for topic in topics.RECORDED_LIVE:
+            assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
+
+
+def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
+    three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
+    run = tel("sim.clock=realtime", "practice.trials=1", *three_s)
+    code, out, err = run.finish()
+    assert code == 0, err
+    row = summary_of(out)["trials"][0]
+    assert row["outcome"] == "completed"
+    trial = read_trial(run.folder / row["bag"])
+    moved_s = (trial.time_ns[trial.run][-1] - trial.time_ns[trial.run][0]) * 1e-9
+    assert moved_s == pytest.approx(3.0, abs=0.05)
+
+
+@pytest.mark.parametrize("victim", NODES)
+def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel, victim: str) -> None:
+    run = tel(*QUICK)
+    nodes = run.wait_until_moving(trial=2)
+    assert sorted(nodes) == sorted(NODES)
+    nodes[victim].kill()
+    code, _, err = run.finish()
+    assert code == 3
+    assert f"node {victim} was killed by SIGKILL" in err
+    assert run.left_behind() == []
+    assert read_trial(run.folder / "trial_001").index == 1
+    assert not (run.folder / "trial_002").exists()
+
+
+def test_an_interrupted_run_brings_the_arm_to_rest_and_ends_every_process(tel: Tel) -> None:
+    run = tel(*QUICK)
+    run.wait_until_moving(trial=2)
+    run.process.send_signal(signal.SIGINT)
+    code, _, err = run.finish()
+    assert code == 130
+    assert "interrupted" in err
+    assert run.left_behind() == []
+    log = (run.folder / "log" / "ep_controller.log").read_text()
+    assert "trial 2: CANCELLED" in log  # only said once the arm is at rest
+
+
+def test_no_node_outlives_a_killed_supervisor(tel: Tel) -> None:
+    run = tel(*QUICK)
+    run.wait_until_moving(trial=1)
+    run.process.kill()
+    run.process.communicate(timeout=10.0)
+    wait_until(lambda: run.left_behind() == [], 15.0, "the end of all nodes")
+
+
+def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> None:
+    run = tel(*QUICK, "control.corridor_rad=0.1")
+    code, out, err = run.finish()
+    assert code == 1
+    summary = summary_of(out)
+    assert summary["outcome"] == "aborted"
+    assert "off its desired position (corridor 0.100 rad)" in summary["trials"][0]["message"]
+    assert "corridor" in err
+    trial = read_trial(run.folder / "trial_001")  # the bag of an aborted trial is whole, too
+    assert np.abs(trial.velocity_rad_s[-1]).max() < 0.1  # and its end shows the arm at rest
+
+
+def test_a_second_graph_on_the_same_domain_is_refused_before_anything_moves(tel: Tel) -> None:
+    first = tel(*QUICK, "practice.trials=8", name="first")
+    first.wait_until_moving(trial=1)
+    second = tel(*QUICK, name="second")
+    code, out, err = second.finish()
+    assert code == 2
+    assert out == ""
+    assert f"ROS_DOMAIN_ID is '{os.environ['ROS_DOMAIN_ID']}'" in err
+    assert "ep_controller" in err
+    assert not second.folder.exists()
+    first.process.send_signal(signal.SIGINT)
+    assert first.finish()[0] == 130
+
+
+def test_an_external_arm_that_is_not_there_is_reported_and_nothing_simulated_starts(tel: Tel) -> None:
+    run = tel(*QUICK, "run.arm=external", "run.arm_timeout_s=2.0")
+    started = time.monotonic()
+    wait_until(lambda: len(run.nodes()) >= 4 or run.process.poll() is not None, 30.0, "the nodes")
+    names = set(run.nodes())
+    code, _, err = run.finish()
+    assert code == 3
+    assert "the arm is not there" in err and "/joint_states" in err
+    assert "sim_bridge" not in names
+    assert time.monotonic() - started < 60.0
+    assert not [p for p in psutil.process_iter(["cmdline"]) if str(run.folder) in str(p.info["cmdline"])]

@@ -1,0 +1,91 @@
+"""The simulated arm over DDS: what a driver of a real one would do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from graph_harness import Graph
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from tel_ros.nodes.conversions import time_ns
+from tel_ros.recording import topics
+
+StartGraph = Callable[..., Graph]
+pytestmark = pytest.mark.timeout(60)
+
+PERIOD_NS = 2_000_000
+
+
+def command(effort: list[float], answers_ns: int | None = None) -> Float64MultiArray:
+    message = Float64MultiArray(data=effort)
+    if answers_ns is not None:
+        message.layout.dim = [
+            MultiArrayDimension(label=str(answers_ns), size=len(effort), stride=len(effort))
+        ]
+    return message
+
+
+def connected(graph: StartGraph, *overrides: str):  # noqa: ANN201
+    running = graph(["sim_bridge"], *overrides)
+    states = running.listen(JointState, topics.JOINT_STATES, depth=5000)
+    pub = running.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
+    running.spin_until(lambda: len(states) > 2 and pub.get_subscription_count() > 0, 20.0, "the arm")
+    return running, states, pub
+
+
+def test_in_real_time_the_effort_goes_to_zero_within_100_ms_of_silence(graph: StartGraph) -> None:
+    running, states, pub = connected(graph, "sim.clock=realtime")
+
+    def push() -> bool:
+        pub.publish(command([1.0, 0.5]))
+        return list(states[-1].effort) == [1.0, 0.5]
+
+    running.spin_until(push, 10.0, "the commanded effort")
+    pub.publish(command([2.0, 0.5]))  # the last one, to be told from the others
+    running.spin_until(lambda: list(states[-1].effort) == [0.0, 0.0], 10.0, "zero effort")
+    with_last = [time_ns(s.header.stamp) for s in states if list(s.effort) == [2.0, 0.5]]
+    assert 0 < with_last[-1] - (with_last[0] - PERIOD_NS) <= 100_000_000
+    assert "no effort command for 0.100 s: effort is zero" in running.log("sim_bridge")
+
+
+def test_in_lockstep_each_answer_is_one_period_and_a_late_answer_none(graph: StartGraph) -> None:
+    running, states, pub = connected(graph)
+    assert {time_ns(s.header.stamp) for s in states} == {0}  # time stands still without commands
+    for k in range(5):
+        pub.publish(command([1.0, 0.0], answers_ns=k * PERIOD_NS))
+        running.spin_until(
+            lambda k=k: time_ns(states[-1].header.stamp) == (k + 1) * PERIOD_NS, 5.0, "the next state"
+        )
+        pub.publish(command([9.0, 0.0], answers_ns=k * PERIOD_NS))  # the old state answered once more
+    seen = len(states)
+    running.spin_until(lambda: len(states) > seen + 3, 5.0, "repetitions")
+    assert time_ns(states[-1].header.stamp) == 5 * PERIOD_NS
+    assert 9.0 not in {s.effort[0] for s in states}
+
+
+def test_in_lockstep_a_moving_arm_that_nobody_commands_coasts_to_rest(graph: StartGraph) -> None:
+    friction = "sim.viscous_friction_nms_per_rad=[3.0, 3.0]"  # so that it comes to rest within a second
+    running, states, pub = connected(graph, "sim.lockstep_timeout_s=0.3", friction)
+    for k in range(50):
+        pub.publish(command([5.0, 0.0], answers_ns=k * PERIOD_NS))
+        running.spin_until(
+            lambda k=k: time_ns(states[-1].header.stamp) == (k + 1) * PERIOD_NS, 5.0, "the next state"
+        )
+    assert np.abs(states[-1].velocity).max() > 0.1
+    running.spin_until(lambda: "come to rest" in running.log("sim_bridge"), 20.0, "rest")
+    assert "effort is zero, the arm coasts" in running.log("sim_bridge")
+    assert list(states[-1].effort) == [0.0, 0.0]
+
+
+def test_a_command_that_cannot_be_used_moves_nothing(graph: StartGraph) -> None:
+    running, states, pub = connected(graph, "sim.clock=realtime")
+    for effort in ([float("nan"), 0.0], [1.0], [float("inf"), 1.0]):
+        seen = len(states)
+        pub.publish(command(effort))
+        running.spin_until(lambda seen=seen: len(states) > seen + 20, 10.0, "states")
+    assert {tuple(s.effort) for s in states} == {(0.0, 0.0)}
+    assert {tuple(s.position) for s in states} == {tuple(states[0].position)}
+    running.spin_until(lambda: "expected 2 finite numbers" in running.log("sim_bridge"), 5.0, "a complaint")

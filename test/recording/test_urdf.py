@@ -1,0 +1,108 @@
+"""What the project takes from an arm's URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
+
+JOINTS = ("shoulder", "elbow")
+
+
+@pytest.fixture
+def planar_arm(config_folder: Path) -> Path:
+    """A copy of the project's arm."""
+    return config_folder / "robots" / "planar_arm.urdf"
+
+
+def edited(file: Path, old: str, new: str, count: int = 1) -> object:
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, count), encoding="utf-8")
+    return read_urdf(file)
+
+
+def test_limits_come_in_the_order_that_is_asked_for(planar_arm: Path) -> None:
+    urdf = edited(planar_arm, 'lower="-2.9" upper="2.9" effort="20" velocity="15"',
+                  'lower="-1" upper="2" effort="20" velocity="3"')  # fmt: skip
+    limits = joint_limits(urdf, ("elbow", "shoulder"))
+    assert limits.position_min_rad == (-2.9, -1.0)
+    assert limits.position_max_rad == (2.9, 2.0)
+    assert limits.velocity_rad_s == (15.0, 3.0)
+
+
+def test_a_joint_that_turns_without_end_is_not_limited_in_position(planar_arm: Path) -> None:
+    limits = joint_limits(edited(planar_arm, 'type="revolute"', 'type="continuous"'), JOINTS)
+    assert limits.position_min_rad[0] < -1e5
+    assert limits.position_max_rad[0] > 1e5
+    assert np.all(np.isfinite(limits.position_max_rad))
+
+
+@pytest.mark.parametrize("name", ["wrist", "hand_mount", ""])
+def test_a_joint_that_is_not_there_or_cannot_move_is_refused_with_those_that_can(
+    planar_arm: Path, name: str
+) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        joint_limits(read_urdf(planar_arm), ("shoulder", name))
+    expected = "expected a movable joint of the URDF (it has shoulder, elbow)"
+    assert str(refusal.value) == f"joints is {name!r}; {expected}"
+
+
+@pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="1" effort="20" velocity="0"/>'])
+def test_a_joint_without_a_velocity_limit_is_refused(planar_arm: Path, limit: str) -> None:
+    urdf = edited(planar_arm, '<limit lower="-2.9" upper="2.9" effort="20" velocity="15"/>', limit)
+    with pytest.raises(ConfigError, match="joints is 'shoulder'; expected a joint with a velocity limit"):
+        joint_limits(urdf, JOINTS)
+
+
+def test_the_hand_is_where_the_formula_of_the_planar_arm_says(planar_arm: Path) -> None:
+    q = np.random.default_rng(0).uniform(-2.5, 2.5, (10, 2))
+    both = q.sum(axis=1)
+    expected = 0.33 * np.column_stack(
+        [np.cos(q[:, 0]) + np.cos(both), np.sin(q[:, 0]) + np.sin(both), np.zeros(10)]
+    )
+    chain = chain_to_hand(read_urdf(planar_arm), JOINTS, "hand")
+    np.testing.assert_allclose(chain.hand_positions(q), expected, atol=1e-14)  # rounding only
+    swapped = chain_to_hand(read_urdf(planar_arm), ("elbow", "shoulder"), "hand")
+    np.testing.assert_allclose(swapped.hand_positions(q[:, ::-1]), expected, atol=1e-14)
+
+
+def test_origins_turn_in_fixed_axes_roll_first(planar_arm: Path) -> None:
+    """A roll of 90° and then a yaw of 90°: x goes to y and y goes to z."""
+    half_turn = 'rpy="1.5707963267948966 0 1.5707963267948966"'
+    urdf = edited(planar_arm, '<origin xyz="0 0 0"/>', f'<origin xyz="0 0 0.5" {half_turn}/>')
+    chain = chain_to_hand(urdf, JOINTS, "hand")
+    np.testing.assert_allclose(chain.hand_positions(np.zeros((1, 2))), [[0.0, 0.66, 0.5]], atol=1e-12)
+    bent = np.array([[0.0, np.pi / 2]])  # the forearm along the upper arm's y
+    np.testing.assert_allclose(chain.hand_positions(bent), [[0.0, 0.33, 0.83]], atol=1e-12)
+
+
+def test_the_length_of_an_axis_does_not_matter(planar_arm: Path) -> None:
+    urdf = edited(planar_arm, '<axis xyz="0 0 1"/>', '<axis xyz="0 0 7"/>')
+    hand = chain_to_hand(urdf, JOINTS, "hand").hand_positions(np.array([[np.pi / 2, 0.0]]))
+    np.testing.assert_allclose(hand, [[0.0, 0.66, 0.0]], atol=1e-12)
+
+
+def test_a_hand_that_is_no_link_is_refused_with_the_links_that_there_are(planar_arm: Path) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        chain_to_hand(read_urdf(planar_arm), JOINTS, "gripper")
+    assert str(refusal.value) == (
+        "hand_link is 'gripper'; expected a link of the URDF (it has base, upper_arm, forearm, hand)"
+    )
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match=r"arm\.urdf: there is no such file; expected a URDF file"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize("content", [b"", b"words", b"<robot", b"\xff\xfe\x00", b"<robot><link/></robot>"])
+def test_a_file_that_is_no_urdf_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_bytes(content)
+    with pytest.raises(InputFileError, match=r"(?s)arm\.urdf: not a readable URDF .*; expected a URDF file"):
+        read_urdf(file)

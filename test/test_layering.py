@@ -1,0 +1,149 @@
+"""Imports go one way: app → nodes → recording → core, and only ``app`` knows the simulated arm."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CORE, RECORDING, NODES, APP = (ROOT / "tel_ros" / part for part in ("core", "recording", "nodes", "app"))
+BRIDGE = ROOT / "sim_bridge"
+BRIDGE_NODE = BRIDGE / "node.py"
+ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
+
+
+def imported(source: str) -> set[str]:
+    """Return the full names of all modules that a source imports, wherever in it.
+
+    A name that is imported from a module may be a module itself: ``from tel_ros import nodes`` counts as
+    ``tel_ros`` and ``tel_ros.nodes``. Relative imports keep their dots; the project uses absolute ones.
+    """
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            names |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and _function(node) in ("import_module", "__import__"):
+            names |= {a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)}
+    return names
+
+
+def _function(call: ast.Call) -> str:
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
+def strings(source: str) -> set[str]:
+    """Return the texts in a source that are not documentation."""
+    tree = ast.parse(source)
+    documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    return {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation
+    }
+
+
+def is_inside(name: str, *packages: str) -> bool:
+    """Return whether a module is one of these packages or in one of them."""
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
+
+
+def outside_core(source: str) -> set[str]:
+    allowed = (*(sys.stdlib_module_names | ARRAY_LIBRARIES), "tel_ros.core")
+    return {name for name in imported(source) if not is_inside(name, *allowed)}
+
+
+def forbidden(source: str, *packages: str) -> set[str]:
+    relative = {name for name in imported(source) if name.startswith(".")}
+    return relative | {name for name in imported(source) if is_inside(name, *packages)}
+
+
+def sources(*places: Path, but: tuple[Path, ...] = ()) -> list[object]:
+    """Return the source files in some places as parameters of a test."""
+    found = [
+        path for place in places for path in (sorted(place.rglob("*.py")) if place.is_dir() else [place])
+    ]
+    kept = [path for path in found if not any(path.is_relative_to(part) for part in but)]
+    assert kept, f"nothing in {places}"
+    return [pytest.param(path, id=path.relative_to(ROOT).as_posix()) for path in kept]
+
+
+@pytest.mark.parametrize("path", sources(CORE))
+def test_core_imports_only_array_libraries_and_the_standard_library(path: Path) -> None:
+    assert outside_core(path.read_text(encoding="utf-8")) == set()
+
+
+@pytest.mark.parametrize("path", sources(RECORDING))
+def test_recording_needs_no_ros_graph_and_nothing_above_it(path: Path) -> None:
+    above = ("rclpy", "tel_interfaces", "tel_ros.nodes", "tel_ros.app", "sim_bridge")
+    assert forbidden(path.read_text(encoding="utf-8"), *above) == set()
+
+
+@pytest.mark.parametrize("path", sources(NODES))
+def test_nodes_know_neither_the_simulated_arm_nor_the_command_line(path: Path) -> None:
+    assert forbidden(path.read_text(encoding="utf-8"), "sim_bridge", "tel_ros.app") == set()
+
+
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(NODES, APP, BRIDGE_NODE)))
+def test_only_nodes_the_command_line_and_the_bridges_node_import_rclpy(path: Path) -> None:
+    assert forbidden(path.read_text(encoding="utf-8"), "rclpy") == set()
+
+
+@pytest.mark.parametrize("path", sources(CORE, RECORDING, NODES, ROOT / "tel_ros" / "__init__.py"))
+def test_only_the_command_line_names_the_simulated_arm(path: Path) -> None:
+    assert not [text for text in strings(path.read_text(encoding="utf-8")) if "sim_bridge" in text]
+
+
+@pytest.mark.parametrize("path", sources(BRIDGE, but=(BRIDGE_NODE,)))
+def test_the_simulated_arm_apart_from_its_node_uses_only_the_core(path: Path) -> None:
+    above = ("tel_ros.recording", "tel_ros.nodes", "tel_ros.app")
+    assert forbidden(path.read_text(encoding="utf-8"), *above) == set()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import rclpy",
+        "import os, yaml",
+        "from tel_ros import nodes",
+        "from tel_ros.recording import topics",
+        "from tel_ros.core_helpers import x",
+        "from . import errors",
+        "from ..nodes import qos",
+        "def late():\n    import pydantic",
+        "import importlib\nimportlib.import_module('pybullet')",
+        "if False:\n    from sim_bridge.arm import SimulatedArm",
+    ],
+)
+def test_an_import_that_core_must_not_have_is_found(source: str) -> None:
+    assert outside_core(source) != set()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from sim_bridge import arm",
+        "import sim_bridge.node as node",
+        "def late():\n    from tel_ros.app.cli import main",
+        "from tel_ros import app",
+        "from ..app import cli",
+        "__import__('sim_bridge')",
+    ],
+)
+def test_an_import_that_nodes_must_not_have_is_found(source: str) -> None:
+    assert forbidden(source, "sim_bridge", "tel_ros.app") != set()
+
+
+def test_what_is_allowed_is_not_complained_about() -> None:
+    source = (
+        '"""Not sim_bridge."""\nimport math\nimport scipy.signal\nfrom tel_ros.core.types import FloatArray\n'
+    )
+    assert outside_core(source) == set()
+    assert forbidden(source, "sim_bridge", "tel_ros.app") == set()
+    assert strings(source) == set()
+    assert strings("MODULE = 'sim_bridge.node'") == {"sim_bridge.node"}
