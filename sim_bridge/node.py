@@ -13,6 +13,7 @@ from sim_bridge.arm import CommandError, SimulatedArm
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns
+from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
@@ -55,6 +56,7 @@ class SimBridgeNode(Node):
             topics.EFFORT_COMMANDS,
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
+            callback_group=BusyGroup() if self._lockstep else None,
         )
         # In real time the period is kept by a timer, which is the executor's business.
         self.busy_subscriptions = [commands] if self._lockstep else []

@@ -110,7 +110,7 @@ def _report(folder: Path) -> Path:
 
 
 def _report_at_the_end(folder: Path, as_json: bool) -> None:
-    """Make the report of a run that has ended; whatever goes wrong with it does not change how the run went."""
+    """Make the report of a run that has ended; if that fails, the run is still what it was."""
     try:
         file = _report(folder)
     except TelError as error:

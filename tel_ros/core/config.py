@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args, get_origin, get_type_hints
 
 from tel_ros.core.errors import ConfigError
 
@@ -35,6 +35,12 @@ def _require_at_least_zero(record: object, *keys: str) -> None:
         _require(0.0 <= value < math.inf, key, value, "a finite number of at least 0")
 
 
+def _require_choices(record: object) -> None:
+    for key, hint in get_type_hints(type(record)).items():
+        choices = get_args(hint) if get_origin(hint) is Literal else (getattr(record, key),)
+        _require(getattr(record, key) in choices, key, getattr(record, key), " or ".join(map(repr, choices)))
+
+
 def _require_per_joint(record: object, key: str, joints: Sequence[str], low: float, meaning: str) -> None:
     values = getattr(record, key)
     _require(
@@ -55,6 +61,7 @@ class RunConfig:
     """How long to wait for joint states and nodes before giving up (wall clock)."""
 
     def __post_init__(self) -> None:
+        _require_choices(self)
         _require_positive(self, "arm_timeout_s")
 
 
@@ -137,6 +144,7 @@ class PracticeConfig:
     """``continue`` learns from what was recorded before the abort and goes on with the next trial."""
 
     def __post_init__(self) -> None:
+        _require_choices(self)
         _require(self.trials >= 1, "trials", self.trials, "a whole number of at least 1")
         _require_positive(self, "goal_duration_s")
         _require(
@@ -171,6 +179,7 @@ class LearningConfig:
     """Zero-phase low-pass for recorded positions and commands; 0 switches it off."""
 
     def __post_init__(self) -> None:
+        _require_choices(self)
         _require(self.gaussians_per_input >= 2, "gaussians_per_input", self.gaussians_per_input, "at least 2")
         _require(self.max_subtrees >= 0, "max_subtrees", self.max_subtrees, "at least 0")
         _require(self.growth_per_trial >= 0, "growth_per_trial", self.growth_per_trial, "at least 0")
@@ -249,6 +258,7 @@ class SimConfig:
     gui: bool = False
 
     def __post_init__(self) -> None:
+        _require_choices(self)
         _require_positive(self, "physics_rate_hz", "inertia_scale", "lockstep_timeout_s")
         _require(0.0 < self.watchdog_s <= 0.1, "watchdog_s", self.watchdog_s, "above 0 and up to 0.1 s")
         _require(
@@ -265,6 +275,8 @@ class SimConfig:
             _require(
                 all(0.0 <= v < math.inf for v in values), key, list(values), "finite numbers of at least 0"
             )
+        position = self.initial_position_rad
+        _require(all(map(math.isfinite, position)), "initial_position_rad", list(position), "finite numbers")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,8 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from tel_interfaces.action import ExecuteTrial
-from tel_interfaces.msg import ControlState, SampledTrajectory, TrialResult
+from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
@@ -177,34 +177,32 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
 
 def to_goal_message(
     trial: int, alpha: float, joints: Sequence[str], desired: DesiredTrajectory, equilibrium_rad: FloatArray
-) -> ExecuteTrial.Goal:
+) -> TrialGoalMessage:
     """Return the goal of a trial as a message."""
-    return ExecuteTrial.Goal(
+    return TrialGoalMessage(
         trial=trial,
         alpha=alpha,
-        desired=SampledTrajectory(
-            joint_names=list(joints),
-            time_ns=array("q", desired.time_ns.tobytes()),
-            position_rad=to_array(desired.position_rad),
-            velocity_rad_s=to_array(desired.velocity_rad_s),
-            acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
-        ),
+        joint_names=list(joints),
+        time_ns=array("q", desired.time_ns.tobytes()),
+        position_rad=to_array(desired.position_rad),
+        velocity_rad_s=to_array(desired.velocity_rad_s),
+        acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
         equilibrium_rad=to_array(equilibrium_rad),
     )
 
 
-def to_goal(goal: ExecuteTrial.Goal, joints: Sequence[str]) -> TrialGoal:
+def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
     """Return the goal of a trial.
 
     Raises:
         TrajectoryError: other joints, arrays that do not fit together, or whatever
             :class:`DesiredTrajectory` and :class:`TrialGoal` refuse.
     """
-    sent = goal.desired
-    columns = _columns(sent.joint_names, joints)
-    shape = (len(sent.time_ns), len(columns))
+    columns = _columns(message.joint_names, joints)
+    shape = (len(message.time_ns), len(columns))
 
-    def values(name: str, flat: array[float]) -> FloatArray:
+    def values(name: str) -> FloatArray:
+        flat = getattr(message, name)
         if len(flat) != shape[0] * shape[1]:
             raise TrajectoryError(
                 f"{name} has {len(flat)} values; expected {shape[0]} points of {shape[1]} joints"
@@ -212,12 +210,12 @@ def to_goal(goal: ExecuteTrial.Goal, joints: Sequence[str]) -> TrialGoal:
         return np.array(flat).reshape(shape)[:, columns]
 
     desired = DesiredTrajectory(
-        time_ns=np.array(sent.time_ns, dtype=np.int64),
-        position_rad=values("position_rad", sent.position_rad),
-        velocity_rad_s=values("velocity_rad_s", sent.velocity_rad_s),
-        acceleration_rad_s2=values("acceleration_rad_s2", sent.acceleration_rad_s2),
+        time_ns=np.array(message.time_ns, dtype=np.int64),
+        position_rad=values("position_rad"),
+        velocity_rad_s=values("velocity_rad_s"),
+        acceleration_rad_s2=values("acceleration_rad_s2"),
     )
-    return TrialGoal(goal.trial, goal.alpha, desired, values("equilibrium_rad", goal.equilibrium_rad))
+    return TrialGoal(message.trial, message.alpha, desired, values("equilibrium_rad"))
 
 
 def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult:

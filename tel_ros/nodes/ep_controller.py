@@ -25,6 +25,7 @@ from tel_ros.nodes.conversions import (
     to_goal,
     to_result_message,
 )
+from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
@@ -62,7 +63,13 @@ class EpControllerNode(Node):
         self._effort_pub = self.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
         self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
         self.busy_subscriptions = [
-            self.create_subscription(JointState, topics.JOINT_STATES, self._on_joint_state, qos.NEWEST)
+            self.create_subscription(
+                JointState,
+                topics.JOINT_STATES,
+                self._on_joint_state,
+                qos.NEWEST,
+                callback_group=BusyGroup(),
+            )
         ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
         self.create_timer(FEEDBACK_PERIOD_S, self._publish_feedback)
@@ -150,12 +157,14 @@ class EpControllerNode(Node):
                 raise StateError(f"nobody listens to {topics.EFFORT_COMMANDS}")
             if self._goal_handle is not None:
                 raise TrajectoryError("another trial is under way; one trial at a time")
-            self._controller.start(to_goal(goal_handle.request, self._joints))
+            goal = to_goal(goal_handle.request.goal, self._joints)
+            self._controller.start(goal)
         except TelError as error:
+            asked = goal_handle.request.goal
             self.get_logger().warning(f"goal refused: {error}")
             refused = TrialResult(
-                index=goal_handle.request.trial,
-                alpha=goal_handle.request.alpha,
+                index=asked.trial,
+                alpha=asked.alpha,
                 outcome=int(Outcome.REFUSED),
                 message=str(error),
                 joint_names=list(self._joints),
@@ -165,9 +174,7 @@ class EpControllerNode(Node):
             goal_handle.execute(lambda handle: self._end_goal(handle, refused))
             return
         self._goal_handle = goal_handle
-        self.get_logger().info(
-            f"trial {goal_handle.request.trial}: {self._controller.goal.desired.duration_s:.3f} s"
-        )
+        self.get_logger().info(f"trial {goal.index}: {goal.desired.duration_s:.3f} s")
 
     def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
         if self._goal_handle is None or goal_handle.goal_id != self._goal_handle.goal_id:

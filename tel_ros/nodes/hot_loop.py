@@ -2,7 +2,8 @@
 
 rclpy's executor builds a new wait set from all of a node's entities before every callback. That costs more
 than a control tick does. Here the busy subscriptions have a wait set of their own that is reused, and
-everything else (timers, services, actions, parameters) gets its turn every few milliseconds.
+everything else (timers, services, actions, parameters) gets its turn when no message has come for 20 ms, and
+every 50 ms in any case.
 
 This uses rclpy's own building blocks (:data:`WaitSet`, ``take_message``), which are not documented. Where
 they are missing, or ``TEL_ROS_PLAIN_EXECUTOR`` is set, the executor does all the work: slower, with the same
@@ -15,34 +16,57 @@ import os
 import time
 from collections.abc import Callable, Sequence
 
-from rclpy.executors import Executor
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from tel_ros.core.types import NS_PER_S
-
 PLAIN_EXECUTOR_VARIABLE = "TEL_ROS_PLAIN_EXECUTOR"
-TURN_PERIOD_S = 0.02
-_TURN_PERIOD_NS = round(TURN_PERIOD_S * NS_PER_S)
+TURN_PERIOD_S = 0.05
+_IDLE_NS = 20_000_000
 _MOST_AT_ONCE = 64
-_CALLBACKS_A_TURN = 4
 
 WaitSet = getattr(rclpy_implementation, "WaitSet", None)
 
 
+def serves_itself() -> bool:
+    """Return whether busy subscriptions are served here rather than by the executor."""
+    return WaitSet is not None and not os.environ.get(PLAIN_EXECUTOR_VARIABLE)
+
+
+class BusyGroup(CallbackGroup):
+    """The callback group of busy subscriptions: the executor leaves them alone if they are served here."""
+
+    def can_execute(self, entity: object) -> bool:
+        """Return whether the executor may serve an entity."""
+        return not serves_itself()
+
+    def beginning_execution(self, entity: object) -> bool:
+        """Return whether the executor may begin to."""
+        return not serves_itself()
+
+    def ending_execution(self, entity: object) -> None:
+        """Nothing to release."""
+
+
 def spin_hot(
-    node: Node, executor: Executor, subscriptions: Sequence[Subscription], done: Callable[[], bool]
+    node: Node,
+    executor: SingleThreadedExecutor,
+    subscriptions: Sequence[Subscription],
+    done: Callable[[], bool],
+    batch_s: float = 0.0,
 ) -> None:
     """Spin a node until ``done``.
 
     Args:
         node: whose subscriptions they are; it has been added to the executor.
         executor: for everything else.
-        subscriptions: the busy ones; empty: the executor does all the work.
+        subscriptions: the busy ones, of a :class:`BusyGroup`; empty: the executor does all the work.
         done: looked at whenever something has happened, and fifty times a second.
+        batch_s: how long to let messages gather before they are taken together.
     """
-    if not subscriptions or WaitSet is None or os.environ.get(PLAIN_EXECUTOR_VARIABLE):
+    if not subscriptions or not serves_itself():
         while not done():
             executor.spin_once()
         return
@@ -53,20 +77,34 @@ def spin_hot(
     while not done():
         wait_set.clear_entities()
         indices = [wait_set.add_subscription(handle) for handle in handles]
-        wait_set.wait(_TURN_PERIOD_NS)
-        for subscription, index in zip(subscriptions, indices, strict=True):
-            if wait_set.is_ready("subscription", index):
-                _take(subscription)
-        if time.monotonic() >= next_turn:
-            for _ in range(_CALLBACKS_A_TURN):
-                executor.spin_once(timeout_sec=0)
+        wait_set.wait(_IDLE_NS)
+        ready = [
+            s for s, k in zip(subscriptions, indices, strict=True) if wait_set.is_ready("subscription", k)
+        ]
+        if ready and batch_s:
+            time.sleep(batch_s)
+        for subscription in ready:
+            _take(subscription)
+        if not ready or time.monotonic() >= next_turn:
+            _serve_the_rest(executor)
             next_turn = time.monotonic() + TURN_PERIOD_S
 
 
 def _take(subscription: Subscription) -> None:
     """Hand the messages that have arrived to the callback; not endlessly many, others want a turn as well."""
-    for _ in range(_MOST_AT_ONCE):
+    for _ in range(min(subscription.qos_profile.depth, _MOST_AT_ONCE)):
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is None:
             return
         subscription.callback(taken[0])
+
+
+def _serve_the_rest(executor: SingleThreadedExecutor) -> None:
+    """Run every callback that is ready now, from one wait set."""
+    try:
+        while True:
+            run, _, _ = executor.wait_for_ready_callbacks(0)
+            run()
+            run.result()  # raises what the callback has raised
+    except TimeoutException:
+        return

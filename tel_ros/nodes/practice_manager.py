@@ -13,7 +13,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial, Practice
-from tel_interfaces.msg import TrialResult
+from tel_interfaces.msg import TrialGoal, TrialResult
 from tel_interfaces.srv import (
     PredictEquilibrium,
     SaveNetwork,
@@ -152,25 +152,19 @@ class PracticeManagerNode(Node):
         started = time.monotonic()
         progress.begin(plan)
         bag = trial_bag(folder, plan.index)
-        joints = self._config.arm.joints
-        trajectory = sample(self._path, plan.duration_s, self._config.control.rate_hz)
-        desired = desired_message(joints, trajectory)
-        prediction = call(self._predict, PredictEquilibrium.Request(desired=desired), ANSWER_TIMEOUT_S)
-        metadata = self._metadata(plan, prediction.revision)
+        goal, revision = self._goal(plan)
+        metadata = self._metadata(plan, revision)
         progress.stage("recording")
         call(
             self._start_recording,
             StartRecording.Request(
                 bag=str(bag),
-                desired=desired,
-                equilibrium=prediction.equilibrium,
+                goal=goal,
                 metadata_keys=list(metadata),
                 metadata_values=list(metadata.values()),
             ),
             ANSWER_TIMEOUT_S,
         )
-        equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
-        goal = to_goal_message(plan.index, plan.alpha, joints, trajectory, equilibrium_rad)
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
         call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)
@@ -183,6 +177,15 @@ class PracticeManagerNode(Node):
             self._learn(row, bag, folder)
         row.wall_s = time.monotonic() - started
         return row, message
+
+    def _goal(self, plan: PlannedTrial) -> tuple[TrialGoal, str]:
+        """Return the goal of a trial, and the revision of the network that has said what to command."""
+        joints = self._config.arm.joints
+        desired = sample(self._path, plan.duration_s, self._config.control.rate_hz)
+        request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
+        prediction = call(self._predict, request, ANSWER_TIMEOUT_S)
+        equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
+        return to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad), prediction.revision
 
     def _is_worth_learning_from(self, report: TrialReport) -> bool:
         if report.outcome == Outcome.COMPLETED:
@@ -201,9 +204,7 @@ class PracticeManagerNode(Node):
         row.grown = list(trained.grown)
         call(self._save, SaveNetwork.Request(path=str(folder / NETWORK_FILE)), ANSWER_TIMEOUT_S)
 
-    def _executed(
-        self, goal_handle: ServerGoalHandle, goal: ExecuteTrial.Goal, progress: Progress
-    ) -> TrialResult:
+    def _executed(self, goal_handle: ServerGoalHandle, goal: TrialGoal, progress: Progress) -> TrialResult:
         heard_at = time.monotonic()
         cancelling = False
 
@@ -220,7 +221,7 @@ class PracticeManagerNode(Node):
                 cancelling = True
                 handle.cancel_goal_async()
 
-        handle = send_goal(self._execute, goal, ANSWER_TIMEOUT_S, on_feedback)
+        handle = send_goal(self._execute, ExecuteTrial.Goal(goal=goal), ANSWER_TIMEOUT_S, on_feedback)
         return wait(handle.get_result_async(), float("inf"), topics.EXECUTE_TRIAL, watch).result.result
 
     def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:

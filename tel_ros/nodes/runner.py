@@ -38,7 +38,7 @@ def run_node(
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
-    A node may have ``busy_subscriptions``, which :func:`spin_hot` serves first.
+    A node may have ``busy_subscriptions``, and ``batch_s`` for them (see :func:`spin_hot`).
 
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
     command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 5 s at most.
@@ -63,12 +63,12 @@ def run_node(
         executor.add_node(node)
         # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
         node.create_timer(_SIGNAL_CHECK_S, lambda: None)
-        busy = getattr(node, "busy_subscriptions", ())
-        spin_hot(node, executor, busy, lambda: bool(stopping))
+        busy, batch_s = getattr(node, "busy_subscriptions", ()), getattr(node, "batch_s", 0.0)
+        spin_hot(node, executor, busy, lambda: bool(stopping), batch_s)
         if hasattr(node, "stop"):
             node.stop()
             end = stopping[0] + _LONGEST_STOP_S
-            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end)
+            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end, batch_s)
         executor.shutdown(timeout_sec=1.0)
     except KeyboardInterrupt:
         pass

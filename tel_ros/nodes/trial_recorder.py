@@ -15,14 +15,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
 from tel_interfaces.srv import StartRecording, StopRecording
-from trajectory_msgs.msg import JointTrajectory
 
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
+from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
@@ -31,6 +31,7 @@ from tel_ros.recording.message_types import typestore
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
 _CHECK_PERIOD_S = 0.02
+_BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
 _MESSAGE_TYPES = {
     topics.JOINT_STATES: JointState,
     topics.EFFORT_COMMANDS: Float64MultiArray,
@@ -59,9 +60,14 @@ class TrialRecorderNode(Node):
         super().__init__("trial_recorder")
         typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
+        self._goal = TrialGoal()
         self._stamps: dict[str, list[int]] = {}
+        busy = BusyGroup()
+        self.batch_s = _BATCH_S
         self.busy_subscriptions = [
-            self.create_subscription(kind, topic, partial(self._record, topic), qos.EVERYTHING, raw=True)
+            self.create_subscription(
+                kind, topic, partial(self._record, topic), qos.EVERYTHING, raw=True, callback_group=busy
+            )
             for topic, kind in _MESSAGE_TYPES.items()
         ]
         # Both wait for something; in a group of its own, so that what they wait for gets its turn meanwhile.
@@ -120,10 +126,7 @@ class TrialRecorderNode(Node):
             response.message = str(error)
             return response
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
-        self._goal = {
-            topics.DESIRED_TRAJECTORY: request.desired,
-            topics.EQUILIBRIUM_TRAJECTORY: request.equilibrium,
-        }
+        self._goal = request.goal
         response.success = True
         return response
 
@@ -188,9 +191,7 @@ class TrialRecorderNode(Node):
     def _write_once(self, writer: TrialBagWriter, result: TrialResult) -> None:
         """Add the goal at the beginning of RUN and the result at the end."""
         run_ns = time_ns(result.run_stamp) or time_ns(result.start_stamp)
-        for topic, trajectory in self._goal.items():
-            if isinstance(trajectory, JointTrajectory) and trajectory.points:
-                writer.write(topic, run_ns, serialize_message(trajectory))
+        writer.write(topics.TRIAL_GOAL, run_ns, serialize_message(self._goal))
         writer.write(topics.TRIAL_RESULT, time_ns(result.end_stamp), serialize_message(result))
 
 

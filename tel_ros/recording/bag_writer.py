@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,18 @@ from tel_ros.recording.message_types import typestore
 
 UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""
+
+CHECKSUMS = "SHA256SUMS"
+"""File in a bag with the sums of its data files, as ``sha256sum -c`` reads it.
+
+MCAP has a place for checksums of its own, but rosbags leaves it empty.
+"""
+
+
+def sha256(file: Path) -> str:
+    """Return the checksum of a file as ``sha256sum`` prints it."""
+    with file.open("rb") as data:
+        return hashlib.file_digest(data, "sha256").hexdigest()
 
 
 class TrialBagWriter:
@@ -69,6 +82,8 @@ class TrialBagWriter:
         """
         try:
             self._writer.close()
+            sums = [f"{sha256(file)}  {file.name}\n" for file in self._staging.glob("*.mcap")]
+            (self._staging / CHECKSUMS).write_text("".join(sums), encoding="utf-8")
             for file in self._staging.iterdir():
                 _sync(file)
             self._staging.rename(self.bag)

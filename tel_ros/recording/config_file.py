@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 import pydantic
 import yaml
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, JointValues
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.shared_files import share_folder
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
@@ -26,6 +26,12 @@ SourceOf = Callable[[str], str | None]
 _PYDANTIC_1 = pydantic.VERSION.startswith("1.")
 
 
+def _no_truth_value(cls: Any, value: Any) -> Any:
+    if any(isinstance(item, bool) for item in (value if isinstance(value, list | tuple) else [value])):
+        raise ValueError("a number")
+    return value
+
+
 def _model_of(record: Any) -> type[pydantic.BaseModel]:
     """Return a model with the fields of a dataclass that refuses unknown keys, nested ones included."""
     fields: dict[str, Any] = {}
@@ -33,10 +39,18 @@ def _model_of(record: Any) -> type[pydantic.BaseModel]:
     for field in dataclasses.fields(record):
         hint = hints[field.name]
         required = field.default is field.default_factory is dataclasses.MISSING
-        kind = _model_of(hint) if dataclasses.is_dataclass(hint) else hint
-        fields[field.name] = (kind, ... if required else None)
+        kind: Any = _model_of(hint) if dataclasses.is_dataclass(hint) else hint
+        if _PYDANTIC_1 and hint is int:
+            kind = pydantic.StrictInt  # its plain integers cut 2.5 down to 2
+        # Defaults are never used (see exclude_unset), but one of None would let pydantic 1 accept None.
+        fields[field.name] = (kind, ... if required else "unset")
     config: Any = type("Config", (), {"extra": "forbid"}) if _PYDANTIC_1 else {"extra": "forbid"}
-    return pydantic.create_model(record.__name__, __config__=config, **fields)
+    # pydantic takes true for 1.
+    numbers = [name for name, hint in hints.items() if hint in (int, float, JointValues)]
+    before = {"pre": True, "allow_reuse": True} if _PYDANTIC_1 else {"mode": "before"}
+    validator: Any = pydantic.validator if _PYDANTIC_1 else pydantic.field_validator
+    checks = {"no_truth_value": validator(*numbers, **before)(_no_truth_value)} if numbers else {}
+    return pydantic.create_model(record.__name__, __config__=config, __validators__=checks, **fields)
 
 
 _MODEL = _model_of(Config)
@@ -66,18 +80,18 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
         ConfigError: a key is unknown, or a value is wrong.
     """
     path = Path(path)
-    raw = _read_yaml(path)
+    raw = read_yaml(path)
     arm_path = path
     if isinstance(raw.get("arm"), str):
         arm_path = path.parent / raw["arm"]
-        raw["arm"] = _read_yaml(arm_path)
+        raw["arm"] = read_yaml(arm_path)
     _resolve(raw, "path", "file", path.parent)
     _resolve(raw, "arm", "urdf", arm_path.parent)
     options = dict(_override(raw, assignment) for assignment in overrides)
 
     def source_of(key: str) -> str:
         for option, text in options.items():
-            if key == option or key.startswith(f"{option}."):
+            if _one_holds_the_other(key, option):
                 return f"--set {text}"
         return str(arm_path if key.split(".")[0] == "arm" else path)
 
@@ -141,10 +155,19 @@ def with_values(config: Config, values: Mapping[str, Any], source: str) -> Confi
     raw = to_plain(config)
     for key, value in values.items():
         _assign(raw, key, value, source)
-    return config_from(raw, lambda key: source if key in values else None)
+
+    def source_of(key: str) -> str | None:
+        return source if any(_one_holds_the_other(key, changed) for changed in values) else None
+
+    return config_from(raw, source_of)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the keys and values in a file.
+
+    Raises:
+        InputFileError: it is missing or unreadable, or holds something else.
+    """
     if not path.is_file():
         raise InputFileError(path, "there is no such file", "a YAML file")
     try:
@@ -154,6 +177,10 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise InputFileError(path, f"holds {type(raw).__name__}", "keys and values")
     return raw
+
+
+def _one_holds_the_other(key: str, other: str) -> bool:
+    return f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
 
 
 def _resolve(raw: dict[str, Any], section: str, key: str, folder: Path) -> None:
@@ -173,8 +200,9 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         raise ConfigError(key, text, "a value in YAML", f"--set {assignment}") from None
     if key in ("arm.urdf", "path.file") and isinstance(value, str) and value:
         value = str(Path(value).resolve())
-    if key == "path.file" and value and isinstance(raw.get("path"), dict):
-        raw["path"].pop("name", None)
+    replaced = {"path.file": "name", "path.name": "file"}.get(key)
+    if replaced and value and isinstance(raw.get("path"), dict):
+        raw["path"].pop(replaced, None)
     _assign(raw, key, value, f"--set {assignment}")
     return key, assignment
 
@@ -205,8 +233,8 @@ def _first_complaint(
     if "extra" in kind:
         known = ", ".join(field.name for field in dataclasses.fields(record))
         return ConfigError(key, value, f"a known key: {known}", source_of(key))
-    expected = "a value" if "missing" in kind else str(complaint["msg"]).removeprefix("Input should be ")
-    return ConfigError(key, value, expected, source_of(key))
+    said = str(complaint["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
+    return ConfigError(key, value, "a value" if "missing" in kind else said, source_of(key))
 
 
 def _item(value: Any, part: Any) -> Any:

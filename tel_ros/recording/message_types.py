@@ -9,7 +9,7 @@ from rosbags.typesys.store import Typestore
 
 from tel_ros.recording.shared_files import share_folder
 
-_OURS = ("ControlState", "TrialResult")
+_OURS = ("ControlState", "TrialGoal", "TrialResult")
 
 
 @cache

@@ -15,13 +15,12 @@ import dataclasses
 import hashlib
 import json
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from tel_ros.core.config import LearningConfig
-from tel_ros.core.errors import ConfigError, NetworkFileError
+from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.inverse_dynamics import LmsTreeInverseDynamics
 from tel_ros.core.learning.lms_tree import Leaf
@@ -47,14 +46,16 @@ def save_network(network: LmsTreeInverseDynamics, path: Path) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
-            # The variadic parameter is typed for options as well, which mypy cannot tell from array names.
-            np.savez(file, header=np.array(_header(network)), **_arrays(network))  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
+        try:
+            with beside.open("wb") as file:
+                # The variadic parameter is typed for options, too, which mypy cannot tell from array names.
+                np.savez(file, header=np.array(_header(network)), **_arrays(network))  # type: ignore[arg-type]
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
     except OSError as error:
-        beside.unlink(missing_ok=True)
         raise NetworkFileError(path, f"cannot be written ({error})", "a file that can be written") from error
 
 
@@ -62,15 +63,19 @@ def load_network(path: Path) -> LmsTreeInverseDynamics:
     """Read a network and check that it is whole.
 
     Raises:
-        NetworkFileError: the file is missing, is no such network, or holds values that are not finite.
+        NetworkFileError: the file is missing, is no such network, or holds values that are not finite or
+            ranges without width.
     """
     if not path.is_file():
         raise NetworkFileError(path, "there is no such file", _EXPECTED)
     try:
         with np.load(path, allow_pickle=False) as stored:
             return _restored(stored, path)
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, ConfigError) as error:
-        raise NetworkFileError(path, f"not readable ({error})", _EXPECTED) from error
+    except NetworkFileError:
+        raise
+    except Exception as error:  # damaged bytes make NumPy and its libraries raise whatever they raise
+        found = f"not readable ({' '.join(str(error).split())})"
+        raise NetworkFileError(path, found, _EXPECTED) from error
 
 
 def _header(network: LmsTreeInverseDynamics) -> str:
@@ -123,4 +128,6 @@ def _restored(stored: np.lib.npyio.NpzFile, path: Path) -> LmsTreeInverseDynamic
             raise NetworkFileError(
                 path, f"{name} has shape {array.shape}", f"finite numbers of shape {shape}"
             )
+    if not np.all(low < high):
+        raise NetworkFileError(path, "input_high is not above input_low", "ranges with a width")
     return network

@@ -12,12 +12,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tel_ros import __version__
 from tel_ros.core.config import Config
 from tel_ros.core.errors import InputFileError
-from tel_ros.recording.config_file import config_from, dump_config
+from tel_ros.recording.bag_writer import UNFINISHED
+from tel_ros.recording.config_file import config_from, dump_config, read_yaml
 
 CONFIG_FILE = "run.yaml"
 SUMMARY_FILE = "summary.json"
@@ -61,14 +60,17 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     """Return the configuration that is written in the folder of a new run; a missing folder is made.
 
     Raises:
-        InputFileError: the folder holds more than a run's configuration, or cannot be made.
+        InputFileError: the folder holds no run's configuration, or more than that, or cannot be made; or the
+            configuration is not readable.
         ConfigError: its configuration is wrong.
     """
     if not folder.exists():
         return create_run_folder(folder, config)
-    if (folder / SUMMARY_FILE).exists() or not (folder / CONFIG_FILE).exists():
+    file = folder / CONFIG_FILE
+    made_by_runs = [folder / SUMMARY_FILE, folder / UNFINISHED, *folder.glob("trial_*")]
+    if not file.exists() or any(path.exists() for path in made_by_runs):
         raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
-    return config_from(yaml.safe_load((folder / CONFIG_FILE).read_text(encoding="utf-8")))
+    return config_from(read_yaml(file), lambda key: str(file))
 
 
 def trial_bag(folder: Path, index: int) -> Path:

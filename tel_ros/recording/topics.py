@@ -8,8 +8,7 @@ CONTROL_STATES = "/ep_controller/state"
 READY = "/ep_controller/ready"
 """std_msgs/Bool, latched: joint states arrive at the controller and somebody listens to its commands."""
 
-DESIRED_TRAJECTORY = "/practice/desired_trajectory"
-EQUILIBRIUM_TRAJECTORY = "/practice/equilibrium_trajectory"
+TRIAL_GOAL = "/practice/trial_goal"
 TRIAL_RESULT = "/practice/trial_result"
 
 EXECUTE_TRIAL = "/execute_trial"
@@ -29,8 +28,7 @@ RECORDED_LIVE = {
 """Taken from the graph while a trial runs: topic to type."""
 
 RECORDED_ONCE = {
-    DESIRED_TRAJECTORY: "trajectory_msgs/msg/JointTrajectory",
-    EQUILIBRIUM_TRAJECTORY: "trajectory_msgs/msg/JointTrajectory",
+    TRIAL_GOAL: "tel_interfaces/msg/TrialGoal",
     TRIAL_RESULT: "tel_interfaces/msg/TrialResult",
 }
 """Written into each bag once, at its beginning or end: topic to type."""

@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 
 from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import BagError
 from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording import topics
+from tel_ros.recording.bag_writer import CHECKSUMS, sha256
+
+_LONGEST_STEP_NS = NS_PER_S
+"""Stamps further apart do not belong to one course of time."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +74,26 @@ class RecordedTrial:
         return time_s
 
     def signals(self) -> TrialSignals:
-        """Return what the network learns from: the ticks from the start posture on, before any stop."""
+        """Return what the network learns from: the ticks from the start posture on.
+
+        A stop is not RUN, but belongs to the record: one that breaks off in mid-motion would leave the
+        transient of the filter in RUN. So would the step from û to the command of the brake: û stays at its
+        last value, as in HOLD. A stop behind a jump of the stamps is left out.
+        """
         rows = np.isin(self.phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
+        equilibrium_rad = self.equilibrium_rad.copy()
+        if rows.any():
+            last = int(np.flatnonzero(rows)[-1])
+            step_ns = np.diff(self.time_ns[last:])
+            follows = np.logical_and.accumulate((step_ns > 0) & (step_ns <= _LONGEST_STEP_NS))
+            rows[last + 1 :] = follows & (self.phase[last + 1 :] == Phase.STOP)
+            equilibrium_rad[last + 1 :] = equilibrium_rad[last]
         return TrialSignals(
             time_ns=self.time_ns[rows],
             run=self.run[rows],
             desired=self.desired[rows],
             position_rad=self.position_rad[rows],
-            equilibrium_rad=self.equilibrium_rad[rows],
+            equilibrium_rad=equilibrium_rad[rows],
         )
 
 
@@ -85,16 +101,36 @@ def read_trial(bag: Path) -> RecordedTrial:
     """Read a trial and check that it is whole.
 
     Raises:
-        BagError: there is no closed bag, it does not hold what a trial holds, it yields fewer messages than
-            it announces, or fewer control states than the trial had ticks.
+        BagError: there is no closed bag, its data have changed since they were recorded, it does not hold
+            what a trial holds, it yields fewer messages than it announces, or fewer control states than the
+            trial had ticks.
     """
     metadata = _metadata(bag)
     try:
+        _check_sums(bag)
         with AnyReader([bag]) as reader:
             states = _messages(reader, bag, topics.CONTROL_STATES)
             results = _messages(reader, bag, topics.TRIAL_RESULT)
-    except (AnyReaderError, OSError, ValueError) as error:
-        raise BagError(bag, f"cannot be read ({error})", "a closed rosbag2 folder of a trial") from error
+        return _trial(bag, metadata, states, results)
+    except BagError:
+        raise
+    except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
+        found = f"cannot be read ({' '.join(str(error).split())})"
+        raise BagError(bag, found, "a closed rosbag2 folder of a trial") from error
+
+
+def _check_sums(bag: Path) -> None:
+    """Raise BagError if a data file is not as it was recorded. Bags of other recorders come without sums."""
+    if not (bag / CHECKSUMS).is_file():
+        return
+    for line in (bag / CHECKSUMS).read_text(encoding="utf-8").splitlines():
+        recorded, name = line.split(maxsplit=1)
+        if sha256(bag / name) != recorded:
+            found = f"cannot be trusted: {name} has changed since it was recorded"
+            raise BagError(bag, found, f"the checksum in {CHECKSUMS}")
+
+
+def _trial(bag: Path, metadata: dict[str, str], states: list[Any], results: list[Any]) -> RecordedTrial:
     if len(results) != 1:
         raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
     result = results[0]
@@ -105,7 +141,12 @@ def read_trial(bag: Path) -> RecordedTrial:
         )
 
     def column(name: str) -> Any:
-        return np.array([getattr(state, name) for state in states])
+        values = [getattr(state, name) for state in states]
+        lengths = {len(value) for value in values} - {len(result.joint_names)}
+        if lengths:
+            expected = f"one value for each of the joints {', '.join(result.joint_names)}"
+            raise BagError(bag, f"holds {lengths.pop()} values in {name}", expected)
+        return np.array(values)
 
     desired = [
         column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
@@ -121,7 +162,7 @@ def read_trial(bag: Path) -> RecordedTrial:
         time_ns=np.array(
             [s.header.stamp.sec * NS_PER_S + s.header.stamp.nanosec for s in states], dtype=np.int64
         ),
-        phase=column("phase").astype(np.int64),
+        phase=np.array([state.phase for state in states], dtype=np.int64),
         desired=np.hstack(desired),
         equilibrium_rad=column("equilibrium_rad"),
         position_rad=column("position_rad"),
@@ -139,8 +180,9 @@ def _metadata(bag: Path) -> dict[str, str]:
     try:
         information = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
         return dict(information.get("custom_data") or {})
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
-        raise BagError(file, f"not readable ({error})", "the metadata of a rosbag2 folder") from error
+    except (yaml.YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        found = f"not readable ({' '.join(str(error).split())})"
+        raise BagError(file, found, "the metadata of a rosbag2 folder") from error
 
 
 def _messages(reader: AnyReader, bag: Path, topic: str) -> list[Any]:

@@ -30,14 +30,21 @@ def read_urdf(path: Path) -> Any:
     """Return the parsed URDF.
 
     Raises:
-        InputFileError: it is missing or is no URDF.
+        InputFileError: it is missing, is no URDF, or its links form no tree.
     """
     if not path.is_file():
         raise InputFileError(path, "there is no such file", "a URDF file (key arm.urdf)")
     try:
-        return URDF.from_xml_string(path.read_bytes())
+        urdf = URDF.from_xml_string(path.read_bytes())
+        reached = {urdf.get_root()}
+        for _ in urdf.joints:
+            reached |= {joint.child for joint in urdf.joints if joint.parent in reached}
+        if reached != set(urdf.link_map) or len(urdf.joints) != len(reached) - 1:
+            raise ValueError("its links form no tree")
+        return urdf
     except Exception as error:  # the parser raises whatever its XML library and its own checks raise
-        raise InputFileError(path, f"not a readable URDF ({error})", "a URDF file (key arm.urdf)") from error
+        found = f"not a readable URDF ({' '.join(str(error).split())})"
+        raise InputFileError(path, found, "a URDF file (key arm.urdf)") from error
 
 
 def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:

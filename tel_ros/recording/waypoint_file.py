@@ -39,7 +39,7 @@ def read_waypoints(file: Path, joints: tuple[str, ...]) -> FloatArray:
             value that is no finite number, there are fewer than two waypoints or two equal neighbours.
     """
     try:
-        with file.open(newline="", encoding="utf-8") as lines:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
             rows = [(number, row) for number, row in enumerate(csv.reader(lines), start=1) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = (

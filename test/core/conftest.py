@@ -20,7 +20,7 @@ from tel_ros.core.learning.signals import TrialSignals  # noqa: E402
 
 @pytest.fixture(scope="session")
 def loops_trial() -> Bench:
-    """A whole trial of the project's figure in 4.5 s, with the desired position as the command."""
+    """A whole trial of the project's figure in 4.5 s."""
     bench = make_bench()
     assert bench.run(loops(4.5)).outcome == Outcome.COMPLETED
     return bench

@@ -24,6 +24,14 @@ NAN, INF = math.nan, math.inf
 NOT_POSITIVE = (0.0, -1.0, NAN, INF)
 NEGATIVE = (-1e-9, NAN, INF)
 BAD: list[tuple[type, str, Any, str]] = [
+    (RunConfig, "arm", "robot", "'sim' or 'external'"),
+    (PracticeConfig, "strategy", "fast", "'trajectory_extension' or 'direct'"),
+    (PracticeConfig, "spacing", "", "'duration' or 'speed' or 'torque'"),
+    (PracticeConfig, "on_abort", None, "'stop' or 'continue'"),
+    (LearningConfig, "name", "LMS_tree", "'lms_tree'"),
+    (LearningConfig, "weights", "rls", "'lms'"),
+    (LearningConfig, "training", 1, "'actual' or 'desired'"),
+    (SimConfig, "clock", "fast", "'lockstep' or 'realtime'"),
     *((RunConfig, "arm_timeout_s", bad, "a finite number above 0") for bad in NOT_POSITIVE),
     (PracticeConfig, "trials", 0, "a whole number of at least 1"),
     *((PracticeConfig, "goal_duration_s", bad, "a finite number above 0") for bad in NOT_POSITIVE),
@@ -175,7 +183,7 @@ def test_values_of_the_simulated_arm_are_given_for_all_joints_or_none(key: str) 
     )
 
 
-@pytest.mark.parametrize("bad", [NAN, INF])
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
 def test_an_initial_position_that_is_not_finite_is_refused(bad: float) -> None:
     with pytest.raises(ConfigError, match="initial_position_rad is .*expected .*finite"):
         config(sim=SimConfig(initial_position_rad=(0.1, bad)))

@@ -222,16 +222,17 @@ def reach(
     index: int = 1,
     rate_hz: float = RATE_HZ,
 ) -> TrialGoal:
-    """Return a straight movement from rest to rest whose command is the desired position."""
+    """Return a straight movement from rest to rest."""
     return goal_on(waypoint_path("reach", np.array([start, end])), duration_s, index=index, rate_hz=rate_hz)
 
 
 def loops(duration_s: float) -> TrialGoal:
-    """Return the figure that comes with the project, its command the desired position."""
+    """Return the figure that comes with the project."""
     return goal_on(NAMED_PATHS["planar_loops"], duration_s)
 
 
 def goal_on(path: Path, duration_s: float, *, index: int = 1, rate_hz: float = RATE_HZ) -> TrialGoal:
-    """Return a movement along a path whose command is the desired position."""
+    """Return a movement along a path whose command leads it by 50 ms: half of what the dampers hold back."""
     desired = sample(path, duration_s, rate_hz)
-    return TrialGoal(index=index, alpha=1.0, desired=desired, equilibrium_rad=desired.position_rad)
+    command = desired.position_rad + 0.05 * desired.velocity_rad_s
+    return TrialGoal(index=index, alpha=1.0, desired=desired, equilibrium_rad=command)

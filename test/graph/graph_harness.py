@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial
+from tel_interfaces.msg import TrialGoal
 
 from tel_ros.app.bring_up import NodeProcesses
 from tel_ros.core.config import Config
@@ -177,7 +178,7 @@ class Graph:
         self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
         self.spin_until(lambda: bool(heard) and heard[-1].data, 20.0, topics.READY)
 
-    def goal(self, duration_s: float = 5.0) -> ExecuteTrial.Goal:
+    def goal(self, duration_s: float = 5.0) -> TrialGoal:
         """Return a good goal: the configured path, the desired positions as equilibrium points."""
         desired = self.desired(duration_s)
         return to_goal_message(1, 1.0, self.config.arm.joints, desired, desired.position_rad)
@@ -186,10 +187,10 @@ class Graph:
         """Return the configured path at a duration."""
         return sample(load_path(self.config.path, self.config.arm), duration_s, self.config.control.rate_hz)
 
-    def send(self, goal: ExecuteTrial.Goal, feedback: list[Any] | None = None) -> Any:
+    def send(self, goal: TrialGoal, feedback: list[Any] | None = None) -> Any:
         """Send a trial and return the goal handle."""
         on_feedback = None if feedback is None else lambda message: feedback.append(message.feedback)
-        sent = self.trials.send_goal_async(goal, feedback_callback=on_feedback)
+        sent = self.trials.send_goal_async(ExecuteTrial.Goal(goal=goal), feedback_callback=on_feedback)
         self.spin_until(sent.done, 10.0, "the answer to the goal")
         return sent.result()
 

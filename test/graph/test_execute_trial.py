@@ -12,7 +12,7 @@ from graph_harness import Graph
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.action import ExecuteTrial
-from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
 
 from tel_ros.recording import topics
 
@@ -43,26 +43,26 @@ def test_a_trial_runs_from_rest_to_rest_and_reports_what_the_control_states_show
     assert feedback and feedback[-1].max_error_rad <= result.max_error_rad
 
 
-def broken(kind: str, goal: ExecuteTrial.Goal) -> ExecuteTrial.Goal:
+def broken(kind: str, goal: TrialGoal) -> TrialGoal:
     """Return the goal with one thing wrong."""
     if kind == "wrong joints":
-        goal.desired.joint_names = ["shoulder", "wrist"]
+        goal.joint_names = ["shoulder", "wrist"]
     elif kind == "not finite":
-        goal.desired.position_rad[100] = float("nan")
+        goal.position_rad[100] = float("nan")
     elif kind == "command not finite":
         goal.equilibrium_rad[7] = float("inf")
     elif kind == "time goes back":
-        goal.desired.time_ns[50] = goal.desired.time_ns[49]
+        goal.time_ns[50] = goal.time_ns[49]
     elif kind == "outside joint limits":
-        goal.desired.position_rad[100] = 3.5
+        goal.position_rad[100] = 3.5
     elif kind == "too fast":
-        goal.desired.velocity_rad_s[100] = 50.0
+        goal.velocity_rad_s[100] = 50.0
     elif kind == "does not end at rest":
-        goal.desired.velocity_rad_s[-1] = 1.0
+        goal.velocity_rad_s[-1] = 1.0
     elif kind == "too few commands":
         goal.equilibrium_rad = goal.equilibrium_rad[:-2]
     elif kind == "empty":
-        return ExecuteTrial.Goal()
+        return TrialGoal()
     return goal
 
 
@@ -174,7 +174,7 @@ def test_states_that_cannot_be_used_are_never_answered(graph: StartGraph) -> Non
     running.spin_until(lambda: publish([1.3, 0.6]) or running.trials.server_is_ready(), 20.0, "the action")
     for _ in range(50):
         publish([1.3, 0.6])
-    sent = running.trials.send_goal_async(running.goal())
+    sent = running.trials.send_goal_async(ExecuteTrial.Goal(goal=running.goal()))
     running.spin_until(lambda: publish([1.3, 0.6]) or len(commands) > 20, 20.0, "commands")
     assert sent.done() and all(np.isfinite(message.data).all() for message in commands)
     heard = len(commands)

@@ -30,6 +30,8 @@ class SyntheticTrial:
     start_ns: int = 1_752_000_000 * NS_PER_S + 999_000_001
     outcome: int = 0
     message: str = ""
+    joints: tuple[str, ...] = JOINTS
+    """As the result names them; the states have two whatever it says."""
     extra_ticks: int = 5
     """Ticks that are recorded after the end of the trial, when it is no trial's any more."""
 
@@ -59,8 +61,7 @@ class SyntheticTrial:
             yield topics.JOINT_STATES, time_ns, self._joint_state(k)
             yield topics.EFFORT_COMMANDS, time_ns, self._command(k)
             yield topics.CONTROL_STATES, time_ns, self._control_state(k)
-        yield topics.DESIRED_TRAJECTORY, self.start_ns, self._trajectory("desired_position_rad")
-        yield topics.EQUILIBRIUM_TRAJECTORY, self.start_ns, self._trajectory("equilibrium_rad")
+        yield topics.TRIAL_GOAL, self.start_ns, self._goal()
         yield topics.TRIAL_RESULT, int(self.time_ns[self.n - 1]), self._result()
 
     def write(self, bag: Path, metadata: Mapping[str, str] = METADATA, *, without: str = "") -> Path:
@@ -97,23 +98,17 @@ class SyntheticTrial:
         layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
         return message("std_msgs/msg/Float64MultiArray", layout=layout, data=self.values["effort_nm"][k])
 
-    def _trajectory(self, name: str) -> bytes:
-        types, none = typestore().types, np.zeros(0)
-        points = [
-            types["trajectory_msgs/msg/JointTrajectoryPoint"](
-                positions=row,
-                velocities=none,
-                accelerations=none,
-                effort=none,
-                time_from_start=types["builtin_interfaces/msg/Duration"](sec=k, nanosec=0),
-            )
-            for k, row in enumerate(self.values[name][:3])
-        ]
+    def _goal(self) -> bytes:
+        values = {name: self.values[f"desired_{name}"].ravel() for name in ("position_rad", "velocity_rad_s")}
         return message(
-            "trajectory_msgs/msg/JointTrajectory",
-            header=self._header(0),
-            joint_names=list(JOINTS),
-            points=points,
+            "tel_interfaces/msg/TrialGoal",
+            trial=self.index,
+            alpha=0.5,
+            joint_names=list(self.joints),
+            time_ns=self.time_ns - self.time_ns[0],
+            acceleration_rad_s2=self.values["desired_acceleration_rad_s2"].ravel(),
+            equilibrium_rad=self.values["equilibrium_rad"].ravel(),
+            **values,
         )
 
     def _result(self) -> bytes:
@@ -128,7 +123,7 @@ class SyntheticTrial:
             run_stamp=stamp(int(self.time_ns[0])),
             end_stamp=stamp(int(self.time_ns[self.n - 1])),
             ticks=self.n,
-            joint_names=list(JOINTS),
+            joint_names=list(self.joints),
             rms_error_rad=0.1,
             rms_error_per_joint_rad=np.array([0.1, 0.1]),
             max_error_rad=0.3,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from synthetic_trial import METADATA, SyntheticTrial
 
 from tel_ros.core.errors import BagError
 from tel_ros.recording import topics
-from tel_ros.recording.bag_writer import UNFINISHED, TrialBagWriter
+from tel_ros.recording.bag_writer import CHECKSUMS, UNFINISHED, TrialBagWriter
 from tel_ros.recording.trial_bag import read_trial
 
 
@@ -55,6 +56,12 @@ def test_the_writer_counts_what_it_has_written(tmp_path: Path, trial: SyntheticT
 
 def test_a_closed_bag_leaves_nothing_else_behind(trial_bag: Path) -> None:
     assert list(trial_bag.parent.iterdir()) == [trial_bag]
+
+
+def test_the_checksums_of_a_bag_are_those_of_the_common_tool(trial_bag: Path) -> None:
+    check = ["sha256sum", "--check", "--strict", CHECKSUMS]
+    done = subprocess.run(check, cwd=trial_bag, capture_output=True, text=True, check=True)
+    assert done.stdout == "trial_003.mcap: OK\n"
 
 
 def test_a_bag_has_no_name_before_it_is_closed(tmp_path: Path, trial: SyntheticTrial) -> None:

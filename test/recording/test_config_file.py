@@ -148,6 +148,12 @@ def test_a_path_name_as_an_option_takes_the_place_of_the_path_from_a_file(edit: 
     assert (config.path.name, config.path.file) == ("planar_loops", "")
 
 
+def test_of_a_path_name_and_a_path_file_as_options_the_last_one_counts(config_folder: Path) -> None:
+    options = ["path.file=eight.csv", "path.name=planar_loops"]
+    assert load_config(config_folder / "run.yaml", options).path.name == "planar_loops"
+    assert load_config(config_folder / "run.yaml", options[::-1]).path.name == ""
+
+
 def test_a_urdf_as_an_option_is_relative_to_where_the_user_is(
     config_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -215,6 +221,8 @@ def test_an_unknown_key_of_the_arm_is_blamed_on_the_file_of_the_arm(config_folde
         ("trials: 3", "trials: 2.5", "practice.trials is 2.5; expected a valid integer"),
         ("trials: 3", "trials: [3]", "practice.trials is [3]; expected a valid integer"),
         ("trials: 3", "trials:", "practice.trials is None; expected a valid integer"),
+        ("trials: 3", "trials: true", "practice.trials is True; expected a number"),
+        ("corridor_rad: 0.8", "corridor_rad: false", "control.corridor_rad is False; expected a number"),
         ("trials: 3", "trials: 0", "practice.trials is 0; expected a whole number of at least 1"),
         (
             "trials: 3",
@@ -259,6 +267,7 @@ def test_a_wrong_value_is_refused_with_file_key_value_and_expectation(
     [
         ("joints: [shoulder, elbow]", "joints: shoulder", "arm.joints is 'shoulder'; expected a valid tuple"),
         ("[1.5, 1.5]", "[1.5, x]", "arm.damping_nms_per_rad.1 is 'x'; expected a valid number"),
+        ("[1.5, 1.5]", "[1.5, true]", "arm.damping_nms_per_rad is [1.5, True]; expected a number"),
         ("[1.5, 1.5]", "[1.5]", "arm.damping_nms_per_rad is [1.5]; expected 2 finite numbers of at least 0"),
         (
             "[20.0, 20.0]",
@@ -362,6 +371,7 @@ def test_single_values_are_replaced_and_checked(config: Config) -> None:
     [
         ("control.corridor_rad", -1.0, "control.corridor_rad is -1.0; expected a finite number above 0"),
         ("control.coridor_rad", 1.0, "control.coridor_rad is 1.0; expected a known key: rate_hz"),
+        ("contrl.corridor_rad", 1.0, "contrl is {'corridor_rad': 1.0}; expected a known key: arm"),
         ("seed", "x", "seed is 'x'; expected a valid integer"),
     ],
 )

@@ -16,6 +16,7 @@ import yaml
 from tel_ros import __version__
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import (
     CONFIG_FILE,
@@ -128,6 +129,13 @@ def test_a_run_that_has_a_bag_is_not_run_again(folder: Path, config: Config) -> 
     """It was interrupted in its first trials, before there was a summary."""
     create_run_folder(folder, config)
     trial_bag(folder, 1).mkdir()
+    with pytest.raises(InputFileError, match="monday: holds something already; expected a new folder"):
+        open_run_folder(folder, config)
+
+
+def test_a_run_whose_first_recording_broke_off_is_not_run_again(folder: Path, config: Config) -> None:
+    create_run_folder(folder, config)
+    trial_bag(folder / UNFINISHED, 1).mkdir(parents=True)
     with pytest.raises(InputFileError, match="monday: holds something already; expected a new folder"):
         open_run_folder(folder, config)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import BagError
 from tel_ros.core.learning.signals import training_samples
 from tel_ros.recording import topics
-from tel_ros.recording.bag_writer import TrialBagWriter
+from tel_ros.recording.bag_writer import CHECKSUMS, TrialBagWriter
 from tel_ros.recording.message_types import typestore
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
@@ -102,6 +103,31 @@ def test_the_last_ticks_of_run_are_learned_as_well_as_the_others(end: Phase) -> 
     np.testing.assert_allclose(samples.actual[-30:, 4], expected[-30:], atol=0.5)
 
 
+def test_the_command_of_the_brake_does_not_reach_into_what_is_learned() -> None:
+    trial = swing(Phase.STOP)
+    braked = trial.equilibrium_rad - 0.5 * (trial.phase == Phase.STOP)[:, None]
+    samples = training_samples(dataclasses.replace(trial, equilibrium_rad=braked).signals(), 15.0)
+    expected = (trial.equilibrium_rad - trial.position_rad)[trial.run]
+    # A hundredth of a radian is what the filter makes of û coming to a sudden rest.
+    np.testing.assert_allclose(samples.offset_rad[-30:], expected[-30:], atol=0.01)
+
+
+@pytest.mark.parametrize("jump_ns", [-10_000_000, -5_000_000_000, 1_700_000_000_000_000_000])
+def test_a_stop_behind_a_jump_in_time_is_no_part_of_the_record(jump_ns: int) -> None:
+    """The clock of an arm that was started anew would stretch the record to years."""
+    trial = swing(Phase.STOP)
+    stop = trial.phase == Phase.STOP
+    jumped = dataclasses.replace(trial, time_ns=trial.time_ns + jump_ns * stop)
+    np.testing.assert_array_equal(jumped.signals().time_ns, trial.time_ns[~stop])
+    assert trial.signals().time_ns.tolist() == trial.time_ns.tolist()
+
+
+def test_a_trial_that_never_left_the_approach_has_nothing_to_learn_from() -> None:
+    trial = swing(Phase.STOP)
+    phase = np.where(trial.phase == Phase.STOP, Phase.STOP, Phase.APPROACH)
+    assert len(dataclasses.replace(trial, phase=phase).signals().time_ns) == 0
+
+
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         BagError, match="trial_009: there is no such folder; expected a closed rosbag2 folder"
@@ -152,17 +178,44 @@ def test_a_truncated_bag_is_refused(trial_bag: Path, share: float) -> None:
         read_trial(trial_bag)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_damaged_bag_raises_nothing_but_the_error_of_a_bag(trial_bag: Path, seed: int) -> None:
-    """What the reader makes of bytes that a failing disk has turned round is not for callers to know."""
-    file, rng = storage_file(trial_bag), np.random.default_rng(seed)
+def damaged(file: Path, n: int, seed: int) -> Iterator[int]:
+    """Turn one byte of a file round, n times another one."""
     whole = file.read_bytes()
-    for place in rng.choice(len(whole), 40, replace=False):
-        damaged = bytearray(whole)
-        damaged[place] ^= 0xFF
-        file.write_bytes(damaged)
-        with contextlib.suppress(BagError):
+    for place in np.random.default_rng(seed).choice(len(whole), n, replace=False).tolist():
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        yield place
+
+
+def test_data_that_have_changed_since_they_were_recorded_are_refused(trial_bag: Path) -> None:
+    said = r"trial_003: cannot be trusted: trial_003\.mcap has changed since it was recorded; expected the "
+    for _ in damaged(storage_file(trial_bag), 40, seed=0):
+        with pytest.raises(BagError, match=said):
             read_trial(trial_bag)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_damaged_bag_without_checksums_raises_nothing_but_the_error_of_a_bag(
+    trial_bag: Path, seed: int
+) -> None:
+    """What the reader makes of bytes that a failing disk has turned round is not for callers to know."""
+    (trial_bag / CHECKSUMS).unlink()
+    for _ in damaged(storage_file(trial_bag), 6, seed):
+        try:
+            read_trial(trial_bag)
+        except BagError as error:
+            assert "\n" not in str(error), "a complaint is one line"
+
+
+def test_a_bag_of_a_recorder_that_writes_no_checksums_is_read(trial_bag: Path) -> None:
+    (trial_bag / CHECKSUMS).unlink()
+    assert read_trial(trial_bag).index == 3
+
+
+@pytest.mark.parametrize("text", ["words", "0123  elsewhere.mcap", "\x00"])
+def test_garbled_checksums_are_refused(trial_bag: Path, text: str) -> None:
+    (trial_bag / CHECKSUMS).write_text(text, encoding="utf-8")
+    with pytest.raises(BagError, match=r"trial_003: cannot be read .*; expected a closed rosbag2 folder"):
+        read_trial(trial_bag)
 
 
 def test_a_bag_without_its_storage_file_is_refused(trial_bag: Path) -> None:
@@ -220,4 +273,16 @@ def test_a_bag_of_something_else_is_refused(tmp_path: Path, trial: SyntheticTria
 def test_a_result_with_an_outcome_that_there_is_not_is_refused(tmp_path: Path) -> None:
     bag = SyntheticTrial(outcome=9).write(tmp_path / "bag")
     with pytest.raises(BagError, match=r"bag: .*9.*expected"):
+        read_trial(bag)
+
+
+@pytest.mark.parametrize("joints", [("shoulder",), ("shoulder", "elbow", "wrist")], ids=len)
+def test_control_states_with_values_for_other_joints_are_refused(
+    tmp_path: Path, joints: tuple[str, ...]
+) -> None:
+    bag = SyntheticTrial(joints=joints).write(tmp_path / "bag")
+    said = (
+        f"bag: holds 2 values in desired_position_rad; expected one value for each of the joints {joints[0]}"
+    )
+    with pytest.raises(BagError, match=said):
         read_trial(bag)

@@ -104,5 +104,33 @@ def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
 def test_a_file_that_is_no_urdf_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "arm.urdf"
     file.write_bytes(content)
-    with pytest.raises(InputFileError, match=r"(?s)arm\.urdf: not a readable URDF .*; expected a URDF file"):
+    with pytest.raises(
+        InputFileError, match=r"arm\.urdf: not a readable URDF .*; expected a URDF file"
+    ) as said:
         read_urdf(file)
+    assert "\n" not in str(said.value), "a complaint is one line"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<link name="base">', '<link name="floating"/><link name="base">'),
+        ('<parent link="upper_arm"/>', '<parent link="uper_arm"/>'),
+        ('<child link="forearm"/>', '<child link="fore_arm"/>'),
+        ('<parent link="base"/>', '<parent link="hand"/>'),
+        ('<child link="forearm"/>', '<child link="upper_arm"/>'),
+    ],
+    ids=["two_roots", "unknown_parent", "unknown_child", "no_root", "two_parents"],
+)
+def test_links_that_form_no_tree_are_refused(planar_arm: Path, old: str, new: str) -> None:
+    with pytest.raises(
+        InputFileError, match=r"planar_arm\.urdf: not a readable URDF .*; expected a URDF file"
+    ):
+        edited(planar_arm, old, new)
+
+
+def test_links_in_a_circle_beside_the_tree_are_refused(planar_arm: Path) -> None:
+    joint = '<joint name="{0}{1}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
+    circle = '<link name="a"/><link name="b"/>' + joint.format("a", "b") + joint.format("b", "a")
+    with pytest.raises(InputFileError, match="its links form no tree"):
+        edited(planar_arm, "</robot>", circle + "</robot>")

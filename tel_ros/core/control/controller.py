@@ -67,6 +67,7 @@ class EpController:
         self._held = _Target(*(np.zeros(self._n_joints) for _ in range(4)))
         self._approach_from = np.zeros(self._n_joints)
         self._approach_s = 0.0
+        self._way_back = self.limits
         self._point = 0
         self._brake: OneWayBrake | None = None
         self._rest = self._new_rest_detector()
@@ -116,9 +117,10 @@ class EpController:
 
         There is nothing to compute an effort from. If states return, the arm is braked and held.
         """
-        if self.phase == Phase.IDLE and not self.active:
+        if self.phase == Phase.IDLE:
             return
         self._stop(Outcome.ABORTED, message)
+        self._begin_stop(self._last_ns)  # also in STOP: nobody holds the arm any more where it was latched
         self._finish()
 
     def tick(self, state: ArmState) -> Tick | None:
@@ -131,14 +133,17 @@ class EpController:
             self._last_ns = state.time_ns
             return None
         self._check(state)
-        if self.phase == Phase.APPROACH and self._ticks == 0:
-            self._begin_approach(state)
+        if self._ticks == 0:
+            self._start_ns = state.time_ns
+            if self.phase == Phase.APPROACH:
+                self._begin_approach(state)
         self._last_ns = state.time_ns
         self._ticks += 1
         self._advance(state)
         target = self._target(state)
         if self.phase != Phase.STOP:
-            violation = self.limits.violation(state, target.position)
+            limits = self._way_back if self.phase == Phase.APPROACH else self.limits
+            violation = limits.violation(state, target.position)
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(state)
@@ -162,9 +167,12 @@ class EpController:
     def _check(self, state: ArmState) -> None:
         """Abort if time jumped: a state that does not follow the last one says nothing about now."""
         step_ns = state.time_ns - self._last_ns
-        if self._ticks == 0 or self.phase == Phase.STOP:
+        if self._ticks == 0:
             return
-        if step_ns <= 0:
+        if self.phase == Phase.STOP:
+            if step_ns <= 0:
+                self._begin_stop(state.time_ns)
+        elif step_ns <= 0:
             self._stop(
                 Outcome.ABORTED, f"the stamps of the joint states went back by {-step_ns / NS_PER_S:.3f} s"
             )
@@ -181,7 +189,8 @@ class EpController:
         distance = float(np.abs(self._goal.equilibrium_rad[0] - start).max())
         peak = MINIMUM_JERK_PEAK_SPEED * distance / self._control.approach_speed_rad_s
         self._approach_s = max(peak, SHORTEST_APPROACH_S)
-        self._start_ns = self._phase_ns = state.time_ns
+        self._way_back = self.limits.reaching(state.position_rad)
+        self._phase_ns = state.time_ns
 
     def _enter(self, phase: Phase, time_ns: int) -> None:
         self.phase, self._phase_ns = phase, time_ns
@@ -190,7 +199,8 @@ class EpController:
     def _advance(self, state: ArmState) -> None:
         """Go on to the next phase when it is time."""
         in_phase_ns = state.time_ns - self._phase_ns
-        self._still = self._rest.at_rest(state.time_ns, state.position_rad)
+        if self.phase != Phase.RUN:
+            self._still = self._rest.at_rest(state.time_ns, state.position_rad)
         if self.phase == Phase.APPROACH and in_phase_ns >= self._approach_s * NS_PER_S:
             self._enter(Phase.SETTLE, state.time_ns)
         elif self.phase == Phase.SETTLE:
@@ -257,13 +267,16 @@ class EpController:
         return _Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in rows))
 
     def _stop(self, outcome: Outcome, message: str) -> None:
-        if self.phase == Phase.STOP or (self.phase == Phase.IDLE and not self.active):
+        if self.phase in (Phase.STOP, Phase.IDLE):
             return
         if self.active:
             self._outcome, self._message = outcome, message
+        self._begin_stop(self._last_ns)
+
+    def _begin_stop(self, time_ns: int) -> None:
         self._brake = None
         self._equilibrium = None
-        self._enter(Phase.STOP, self._last_ns)
+        self._enter(Phase.STOP, time_ns)
 
     def _finish_if_over(self, time_ns: int) -> None:
         if not self.active or self.phase not in (Phase.HOLD, Phase.STOP):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from tel_ros.core.config import ArmConfig
 from tel_ros.core.control.records import ArmState, TrialGoal, require_joint_count
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.types import FloatArray
+
+_WAY_BACK_MARGIN_RAD = 0.02
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,18 @@ class Limits:
             position_max_rad=np.array(arm.position_max_rad),
             velocity_rad_s=np.array(arm.velocity_limit_rad_s),
             corridor_rad=corridor_rad,
+        )
+
+    def reaching(self, position_rad: FloatArray) -> Limits:
+        """Return limits whose range reaches to a posture outside, so that the arm may come back from there.
+
+        Args:
+            position_rad: where the arm is. Shape (n_joints,).
+        """
+        return replace(
+            self,
+            position_min_rad=np.minimum(self.position_min_rad, position_rad - _WAY_BACK_MARGIN_RAD),
+            position_max_rad=np.maximum(self.position_max_rad, position_rad + _WAY_BACK_MARGIN_RAD),
         )
 
     def check_goal(self, goal: TrialGoal, rest_speed_rad_s: float) -> None:
@@ -72,12 +86,13 @@ class Limits:
         """Return what is wrong with a measured state in words, or None if it is inside all limits."""
         error = np.abs(state.position_rad - desired_rad)
         speed = np.abs(state.velocity_rad_s)
-        if (
-            error.max() <= self.corridor_rad
-            and (speed <= self.velocity_rad_s).all()
-            and (state.position_rad >= self.position_min_rad).all()
-            and (state.position_rad <= self.position_max_rad).all()
-        ):
+        inside = (
+            (error <= self.corridor_rad)
+            & (speed <= self.velocity_rad_s)
+            & (state.position_rad >= self.position_min_rad)
+            & (state.position_rad <= self.position_max_rad)
+        )
+        if inside.all():
             return None
         j = int(np.argmax(error))
         if error[j] > self.corridor_rad:

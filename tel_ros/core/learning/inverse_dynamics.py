@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -89,6 +90,7 @@ class LmsTreeInverseDynamics:
         scaled = self.input_range.scale(inputs)
         return np.column_stack([tree.predict(scaled) for tree in self.trees])
 
+    @np.errstate(over="ignore", invalid="ignore")  # what does not stay finite is refused
     def trained_on(
         self, samples: TrainingSamples, mode: TrainingMode
     ) -> tuple[LmsTreeInverseDynamics, TrainingOutcome]:
@@ -103,7 +105,7 @@ class LmsTreeInverseDynamics:
             mode: where to apply the command error (see :func:`training_pair`).
 
         Raises:
-            TrainingError: the weights did not stay finite.
+            TrainingError: the weights or the outcome did not stay finite.
         """
         network = copy.deepcopy(self)
         network.trials_learned += 1
@@ -120,12 +122,14 @@ class LmsTreeInverseDynamics:
                 raise TrainingError(f"the weights of {joint} did not stay finite; the network is unchanged")
             grown += network._grow(joint, tree, variance)
         before, after = self.predict(samples.desired), network.predict(samples.desired)
-        return network, TrainingOutcome(
-            rms_before_rad=_rms(samples.offset_rad - self.predict(samples.actual)),
-            rms_after_rad=_rms(samples.offset_rad - network.predict(samples.actual)),
-            rms_command_change_rad=_rms(after - before),
-            grown=tuple(grown),
+        rms_rad = (
+            _rms(samples.offset_rad - self.predict(samples.actual)),
+            _rms(samples.offset_rad - network.predict(samples.actual)),
+            _rms(after - before),
         )
+        if not all(map(math.isfinite, rms_rad)):
+            raise TrainingError(f"the RMS errors {rms_rad} rad are not finite; the network is unchanged")
+        return network, TrainingOutcome(*rms_rad, grown=tuple(grown))
 
     def _grow(self, joint: str, tree: LmsTree, change_variance: FloatArray) -> list[str]:
         grown = []

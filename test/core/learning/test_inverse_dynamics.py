@@ -174,7 +174,7 @@ def test_each_mode_trains_where_it_should(mode: Mode) -> None:
     np.testing.assert_allclose(learned.predict(elsewhere[:1]), 0.0, atol=1e-9)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_data_that_would_break_the_weights_are_refused_and_the_network_stays_as_it_was(
@@ -192,6 +192,16 @@ def test_data_that_would_break_the_weights_are_refused_and_the_network_stays_as_
         learned.trained_on(dataclasses.replace(samples(), offset_rad=offset), mode)
     np.testing.assert_array_equal(learned.predict(x), before)
     assert learned.trials_learned == trials
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("absurd", [1e155, 1e308])
+def test_finite_data_whose_errors_have_no_finite_size_are_refused(mode: Mode, absurd: float) -> None:
+    offset = samples().offset_rad
+    offset[3] = absurd
+    with pytest.raises(TrainingError, match=r"finite.*; the network is unchanged"):
+        network().trained_on(dataclasses.replace(samples(), offset_rad=offset), mode)
 
 
 def test_inputs_beyond_the_range_are_predicted_as_at_its_end() -> None:

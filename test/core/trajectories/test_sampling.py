@@ -38,6 +38,7 @@ def test_velocities_and_accelerations_are_the_derivatives_of_the_positions() -> 
         (4.5, 500.0, 2251),
         (11.5, 500.0, 5751),
         (0.7, 10.0, 8),
+        (0.07, 100.0, 8),  # a product that is 7 and a rounding error
         (0.3, 10.0, 4),
         (0.25, 10.0, 4),
         (0.01, 10.0, 2),
