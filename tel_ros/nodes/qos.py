@@ -1,4 +1,4 @@
-"""Quality of service of the topics: reliable, as stock ros2_control offers and asks for it."""
+"""Quality of service of the topics. Publishers are reliable, as those of stock ros2_control are."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ def _reliable(depth: int) -> QoSProfile:
 
 STREAM = _reliable(10_000)
 """For publishers: a recorder that had to wait for its turn can still ask for what it has missed."""
-NEWEST = _reliable(1)
-"""For control: only the newest message counts."""
+NEWEST = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
+"""For control: only the newest message counts, and it is not worth waiting for an older one to be sent again."""
 LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -63,6 +64,8 @@ def run_node(
         executor.add_node(node)
         # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
         node.create_timer(_SIGNAL_CHECK_S, lambda: None)
+        # What exists by now stays: looking through it again and again would hold the loop up.
+        gc.freeze()
         busy, batch_s = getattr(node, "busy_subscriptions", ()), getattr(node, "batch_s", 0.0)
         spin_hot(node, executor, busy, lambda: bool(stopping), batch_s)
         if hasattr(node, "stop"):
