@@ -20,6 +20,7 @@ from tel_ros.recording import topics
 
 REPEAT_PERIOD_S = 0.05
 REST_SPEED_RAD_S = 0.05
+STOP_SILENCE_S = 0.3
 COMPLAINT_PERIOD_S = 1.0
 
 
@@ -48,6 +49,7 @@ class SimBridgeNode(Node):
         self._silent_periods = 0
         self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
         self._stepped_at = time.monotonic()
+        self._commanded_at = 0.0
         self._coasting = False
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
@@ -66,6 +68,14 @@ class SimBridgeNode(Node):
         else:
             self.create_timer(self._period_s, self._pass_period)
         self._publish()
+
+    def stop(self) -> None:
+        """Wait for whoever commands the arm to bring it to rest."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether no command has come for a while."""
+        return time.monotonic() - self._commanded_at > STOP_SILENCE_S
 
     def destroy_node(self) -> None:
         """End the simulation, then go."""
@@ -101,6 +111,7 @@ class SimBridgeNode(Node):
         if self._silent_periods >= self._watchdog_periods:
             self.get_logger().info("effort commands arrive")
         self._command, self._silent_periods = message.data, 0
+        self._commanded_at = time.monotonic()
 
     def _pass_period(self) -> None:
         if self._command is None:
@@ -127,7 +138,7 @@ class SimBridgeNode(Node):
             self.get_logger().info("effort commands arrive")
             self._coasting = False
             self._coast_timer.cancel()
-        self._stepped_at = time.monotonic()
+        self._stepped_at = self._commanded_at = time.monotonic()
         self._publish()
 
     def _repeat(self) -> None:

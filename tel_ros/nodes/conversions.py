@@ -128,6 +128,15 @@ class ControlStateFiller:
         return message
 
 
+def idle_state(state: ArmState) -> ControlState:
+    """Return the control state of a controller that sees the arm and commands nothing."""
+    message = ControlState(phase=ControlState.IDLE, time_from_start_s=-1.0)
+    message.header.stamp = to_time(state.time_ns)
+    message.position_rad = to_array(state.position_rad)
+    message.velocity_rad_s = to_array(state.velocity_rad_s)
+    return message
+
+
 def to_trajectory_message(
     joints: Sequence[str],
     times_ns: IntArray,

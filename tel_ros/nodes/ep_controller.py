@@ -22,6 +22,7 @@ from tel_ros.nodes.conversions import (
     ControlStateFiller,
     EffortCommand,
     JointStateReader,
+    idle_state,
     to_goal,
     to_result_message,
 )
@@ -56,7 +57,8 @@ class EpControllerNode(Node):
         self._command = EffortCommand(len(self._joints))
         self._control_state = ControlStateFiller()
         self._goal_handle: ServerGoalHandle | None = None
-        self._seen_ns = self._answered_ns = -1
+        self._seen: ArmState | None = None
+        self._answered_ns = -1
         self._last_state_at = -math.inf
         self._commanding = False
 
@@ -111,8 +113,10 @@ class EpControllerNode(Node):
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
-        if state.time_ns != self._seen_ns or not self._controller.active:
-            self._seen_ns, self._last_state_at = state.time_ns, time.monotonic()
+        is_new = self._seen is None or state.time_ns != self._seen.time_ns
+        self._seen = state
+        if is_new or not self._controller.active:
+            self._last_state_at = time.monotonic()
         if not self._controller.active and not self._answers_between_trials:
             self._commanding = False
         elif state.time_ns != self._answered_ns:
@@ -135,7 +139,8 @@ class EpControllerNode(Node):
 
     def _publish_zero(self) -> None:
         self._commanding = False
-        self._effort_pub.publish(self._command.fill(self._seen_ns, np.zeros(len(self._joints))))
+        stamp_ns = self._seen.time_ns if self._seen else 0
+        self._effort_pub.publish(self._command.fill(stamp_ns, np.zeros(len(self._joints))))
 
     def _states_are_fresh(self) -> bool:
         return time.monotonic() - self._last_state_at < self._state_timeout_s
@@ -208,6 +213,8 @@ class EpControllerNode(Node):
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)
+        if self._seen is not None and self._states_are_fresh() and not self._commanding:
+            self._state_pub.publish(idle_state(self._seen))
 
     def _publish_feedback(self) -> None:
         handle, controller = self._goal_handle, self._controller

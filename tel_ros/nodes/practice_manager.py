@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
@@ -41,6 +44,7 @@ from tel_ros.recording.waypoint_file import load_path
 ANSWER_TIMEOUT_S = 30.0
 SILENCE_TIMEOUT_S = 10.0
 TRAINING_TIMEOUT_S = 600.0
+STOPPING_TIMEOUT_S = 2.5
 
 
 class PracticeManagerNode(Node):
@@ -62,6 +66,7 @@ class PracticeManagerNode(Node):
         self._stop_recording = self.create_client(StopRecording, topics.STOP_RECORDING, callback_group=group)
         self._execute = ActionClient(self, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
         self._busy = self._stopping = False
+        self._stopping_since = math.inf
         self._written = self._config
         self._ready = threading.Event()
         self.create_subscription(Bool, topics.READY, self._on_ready, qos.LATCHED, callback_group=group)
@@ -77,7 +82,7 @@ class PracticeManagerNode(Node):
 
     def stop(self) -> None:
         """Cancel the trial that is under way and end the run."""
-        self._stopping = True
+        self._stopping, self._stopping_since = True, time.monotonic()
 
     @property
     def stopped(self) -> bool:
@@ -155,7 +160,7 @@ class PracticeManagerNode(Node):
         goal, revision = self._goal(plan)
         metadata = self._metadata(plan, revision)
         progress.stage("recording")
-        call(
+        self._call(
             self._start_recording,
             StartRecording.Request(
                 bag=str(bag),
@@ -167,7 +172,7 @@ class PracticeManagerNode(Node):
         )
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
-        call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)
+        self._call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)
         if message.outcome == TrialResult.REFUSED:
             raise NoAnswerError(f"trial {plan.index} was refused: {message.message}")
         report = to_report(message)
@@ -183,7 +188,7 @@ class PracticeManagerNode(Node):
         joints = self._config.arm.joints
         desired = sample(self._path, plan.duration_s, self._config.control.rate_hz)
         request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
-        prediction = call(self._predict, request, ANSWER_TIMEOUT_S)
+        prediction = self._call(self._predict, request, ANSWER_TIMEOUT_S)
         equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
         return to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad), prediction.revision
 
@@ -197,12 +202,12 @@ class PracticeManagerNode(Node):
         )
 
     def _learn(self, row: TrialRow, bag: Path, folder: Path) -> None:
-        trained = call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+        trained = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
         row.training_rms_before_rad = trained.training_rms_before_rad
         row.training_rms_after_rad = trained.training_rms_after_rad
         row.rms_command_change_rad = trained.rms_command_change_rad
         row.grown = list(trained.grown)
-        call(self._save, SaveNetwork.Request(path=str(folder / NETWORK_FILE)), ANSWER_TIMEOUT_S)
+        self._call(self._save, SaveNetwork.Request(path=str(folder / NETWORK_FILE)), ANSWER_TIMEOUT_S)
 
     def _executed(self, goal_handle: ServerGoalHandle, goal: TrialGoal, progress: Progress) -> TrialResult:
         heard_at = time.monotonic()
@@ -217,12 +222,21 @@ class PracticeManagerNode(Node):
             nonlocal cancelling
             if time.monotonic() - heard_at > SILENCE_TIMEOUT_S:
                 raise NoAnswerError(f"{topics.EXECUTE_TRIAL} was silent for {SILENCE_TIMEOUT_S:.0f} s")
+            self._give_up_in_time()
             if self._cancelled(goal_handle) and not cancelling:
                 cancelling = True
                 handle.cancel_goal_async()
 
         handle = send_goal(self._execute, ExecuteTrial.Goal(goal=goal), ANSWER_TIMEOUT_S, on_feedback)
         return wait(handle.get_result_async(), float("inf"), topics.EXECUTE_TRIAL, watch).result.result
+
+    def _call(self, client: Client, request: Any, timeout_s: float) -> Any:
+        return call(client, request, timeout_s, self._give_up_in_time)
+
+    def _give_up_in_time(self) -> None:
+        """When this node has to end, the others may have ended already: do not wait for long."""
+        if time.monotonic() - self._stopping_since > STOPPING_TIMEOUT_S:
+            raise NoAnswerError("the run was ended from outside")
 
     def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:
         return self._stopping or goal_handle.is_cancel_requested

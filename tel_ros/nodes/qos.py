@@ -12,7 +12,7 @@ def _reliable(depth: int) -> QoSProfile:
 STREAM = _reliable(10_000)
 """For publishers: a recorder that had to wait for its turn can still ask for what it has missed."""
 NEWEST = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
-"""For control: only the newest message counts, and it is not worth waiting for an older one to be sent again."""
+"""For control: only the newest message counts; an older one is not worth being sent again."""
 LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,

@@ -19,7 +19,8 @@ from tel_ros.nodes.hot_loop import spin_hot
 
 EXIT_BAD_INPUT = 2
 _SIGNAL_CHECK_S = 0.05
-_LONGEST_STOP_S = 5.0
+_LONGEST_STOP_S = 3.0  # less than `ros2 launch` waits before it becomes rude
+_LAST_WORDS_S = 0.2  # for results that are on their way to whoever waits for them
 _SAME_REQUEST_S = 1.0
 
 
@@ -42,7 +43,7 @@ def run_node(
     A node may have ``busy_subscriptions``, and ``batch_s`` for them (see :func:`spin_hot`).
 
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
-    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 5 s at most.
+    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 3 s at most.
     A signal that comes a second later or more ends it at once; two together are one request, as Ctrl-C under
     ``ros2 launch`` makes them. The exit code is 2 if the node could not use what it was given.
     """
@@ -72,6 +73,8 @@ def run_node(
             node.stop()
             end = stopping[0] + _LONGEST_STOP_S
             spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end, batch_s)
+            end = time.monotonic() + _LAST_WORDS_S
+            spin_hot(node, executor, busy, lambda: time.monotonic() > end, batch_s)
         executor.shutdown(timeout_sec=1.0)
     except KeyboardInterrupt:
         pass

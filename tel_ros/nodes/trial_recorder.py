@@ -30,6 +30,7 @@ from tel_ros.recording.message_types import typestore
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
+HEARD_LATELY_S = 1.0
 _CHECK_PERIOD_S = 0.02
 _BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
 _MESSAGE_TYPES = {
@@ -49,6 +50,15 @@ def header_stamp_ns(serialised: bytes) -> int:
     return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
+def trial_index(serialised: bytes) -> int:
+    """Return the trial that a serialised control state belongs to: the number behind its header."""
+    order = "<" if serialised[1] & 1 else ">"
+    (frame_id_length,) = struct.unpack_from(f"{order}I", serialised, 12)
+    end = 12 + frame_id_length  # of the header, counted from behind the four bytes of the encoding
+    (index,) = struct.unpack_from(f"{order}I", serialised, 4 + end + -end % 4)
+    return int(index)
+
+
 class TrialRecorderNode(Node):
     """Writes serialised messages as they come, in the arm's own time.
 
@@ -60,6 +70,7 @@ class TrialRecorderNode(Node):
         super().__init__("trial_recorder")
         typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
+        self._heard_at: dict[str, float] = {}
         self._goal = TrialGoal()
         self._stamps: dict[str, list[int]] = {}
         busy = BusyGroup()
@@ -84,6 +95,7 @@ class TrialRecorderNode(Node):
         super().destroy_node()
 
     def _record(self, topic: str, raw: bytes) -> None:
+        self._heard_at[topic] = time.monotonic()
         if self._writer is None:
             return
         if topic == topics.EFFORT_COMMANDS:
@@ -91,6 +103,8 @@ class TrialRecorderNode(Node):
             stamp_ns = self._newest_ns() if answered_ns is None else answered_ns
         else:
             stamp_ns = header_stamp_ns(raw)
+            if topic == topics.CONTROL_STATES and trial_index(raw) == 0:
+                return  # said between trials
         stamps = self._stamps[topic]
         if stamps and stamps[-1] == stamp_ns:
             return  # an arm in lockstep repeats its state until it gets an answer
@@ -115,10 +129,11 @@ class TrialRecorderNode(Node):
         try:
             if self._writer is not None:
                 raise BagError(bag, f"{self._writer.bag} is being recorded", "one recording at a time")
-            await self._until(lambda: not self._unpublished(), DISCOVERY_TIMEOUT_S)
-            if self._unpublished():
-                missing = ", ".join(self._unpublished())
-                raise BagError(bag, f"nobody publishes {missing}", "all topics of a trial")
+            await self._until(lambda: not self._silent(), DISCOVERY_TIMEOUT_S)
+            if self._silent():
+                raise BagError(
+                    bag, f"nothing is heard on {', '.join(self._silent())}", "the topics of a trial"
+                )
             metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
             self._writer = TrialBagWriter(bag, metadata)
         except (TelError, ValueError) as error:
@@ -179,8 +194,18 @@ class TrialRecorderNode(Node):
         await over
         self.destroy_timer(timer)
 
-    def _unpublished(self) -> list[str]:
-        return [topic for topic in topics.RECORDED_LIVE if self.count_publishers(topic) == 0]
+    def _silent(self) -> list[str]:
+        """Return the topics that nothing has come from lately.
+
+        That somebody publishes a topic does not mean that the connection stands in both directions yet. Joint
+        states and control states also come between trials; commands have the controller's connection.
+        """
+        recently = time.monotonic() - HEARD_LATELY_S
+        return [
+            topic
+            for topic in (topics.JOINT_STATES, topics.CONTROL_STATES)
+            if self._heard_at.get(topic, 0.0) < recently
+        ]
 
     def _dropped(self, result: TrialResult) -> int:
         stamps = self._stamps[topics.CONTROL_STATES]

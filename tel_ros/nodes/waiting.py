@@ -40,7 +40,7 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
     return future.result()
 
 
-def call(client: Client, request: Any, timeout_s: float) -> Any:
+def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
     """Call a service whose response has ``success`` and ``message``.
 
     Raises:
@@ -48,7 +48,7 @@ def call(client: Client, request: Any, timeout_s: float) -> Any:
     """
     if not client.wait_for_service(timeout_sec=timeout_s):
         raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
-    response = wait(client.call_async(request), timeout_s, client.srv_name)
+    response = wait(client.call_async(request), timeout_s, client.srv_name, poll)
     if not response.success:
         raise NoAnswerError(f"{client.srv_name}: {response.message}")
     return response

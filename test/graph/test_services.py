@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from graph_harness import ROOT, Graph, wait_until
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import ControlState
 from tel_interfaces.srv import (
     LoadNetwork,
@@ -31,6 +31,15 @@ SAMPLE_BAG = ROOT / "bags" / "sample_run" / "trial_001"
 def predict(running: Graph, duration_s: float = 5.0) -> PredictEquilibrium.Response:
     desired = desired_message(running.config.arm.joints, running.desired(duration_s))
     return running.call(PredictEquilibrium, topics.PREDICT, PredictEquilibrium.Request(desired=desired))
+
+
+def keep_saying(running: Graph) -> Publisher:
+    """Publish joint states and control states as an arm and a controller at rest do; return the former."""
+    states = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    control = running.node.create_publisher(ControlState, topics.CONTROL_STATES, 10)
+    said = [(states, JointState()), (control, ControlState())]
+    running.node.create_timer(0.05, lambda: [publisher.publish(message) for publisher, message in said])
+    return states
 
 
 def test_the_network_learns_from_a_bag_and_survives_everything_that_is_wrong(
@@ -88,11 +97,9 @@ def test_a_recorder_that_dies_leaves_no_bag_under_the_trials_name(graph: StartGr
     bag = tmp_path / "bags" / "trial_001"
     refused = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag)))
     assert not refused.success
-    assert "nobody publishes /joint_states" in refused.message
+    assert "nothing is heard on /joint_states, /ep_controller/state" in refused.message
 
-    states = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
-    running.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
-    running.node.create_publisher(ControlState, topics.CONTROL_STATES, 10)
+    states = keep_saying(running)
     started = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag)))
     assert started.success, started.message
     twice = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag) + "x"))
@@ -110,12 +117,7 @@ def test_a_recorder_that_dies_leaves_no_bag_under_the_trials_name(graph: StartGr
 
 def test_a_bag_that_exists_is_never_overwritten(graph: StartGraph, tmp_path: Path) -> None:
     running = graph(["trial_recorder"])
-    for kind, topic in (
-        (JointState, topics.JOINT_STATES),
-        (Float64MultiArray, topics.EFFORT_COMMANDS),
-        (ControlState, topics.CONTROL_STATES),
-    ):
-        running.node.create_publisher(kind, topic, 10)
+    keep_saying(running)
     bag = tmp_path / "trial_001"
     bag.mkdir()
     (bag / "precious").write_text("data")
