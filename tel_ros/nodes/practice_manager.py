@@ -112,8 +112,6 @@ class PracticeManagerNode(Node):
             result.outcome, result.message = summary.outcome, summary.message
         except TelError as error:
             result.outcome, result.message = "failed", str(error)
-        finally:
-            self._busy = False
         if result.outcome == "failed":
             self.get_logger().error(result.message)
         if result.outcome == "completed":
@@ -122,6 +120,7 @@ class PracticeManagerNode(Node):
             goal_handle.canceled()
         else:
             goal_handle.abort()
+        self._busy = False
         return result
 
     def _run(
@@ -138,10 +137,9 @@ class PracticeManagerNode(Node):
                 last = row.report
                 result.trials.append(message)
                 progress.trial_done(message, row)
+            summary.end(*_ending(last, self._cancelled(goal_handle)))
         except TelError as error:
-            summary.end("failed", str(error))
-            raise
-        summary.end(*_ending(last, self._cancelled(goal_handle)))
+            summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
 
     def _wait_for_arm(self) -> None:
         timeout_s = self._config.run.arm_timeout_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,8 @@ from rclpy.client import Client
 from rclpy.task import Future
 
 from tel_ros.core.errors import TelError
+
+_POLL_PERIOD_S = 0.1
 
 
 class NoAnswerError(TelError):
@@ -32,8 +35,8 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     waited_s = 0.0
-    while not done.wait(0.1):
-        waited_s += 0.1
+    while not done.wait(_POLL_PERIOD_S):
+        waited_s += _POLL_PERIOD_S
         poll()
         if waited_s > timeout_s:
             raise NoAnswerError(f"{what} did not answer within {timeout_s:.1f} s")
@@ -46,8 +49,13 @@ def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None
     Raises:
         NoAnswerError: it is not there, does not answer in time, or did not succeed.
     """
-    if not client.wait_for_service(timeout_sec=timeout_s):
-        raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
+    waited_s = 0.0
+    while not client.service_is_ready():
+        poll()
+        if waited_s > timeout_s:
+            raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
+        time.sleep(_POLL_PERIOD_S)
+        waited_s += _POLL_PERIOD_S
     response = wait(client.call_async(request), timeout_s, client.srv_name, poll)
     if not response.success:
         raise NoAnswerError(f"{client.srv_name}: {response.message}")
