@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pydantic
 import yaml
@@ -221,20 +221,35 @@ def _first_complaint(
     error: pydantic.ValidationError, raw: Mapping[str, Any], source_of: SourceOf
 ) -> ConfigError:
     complaint = error.errors()[0]
-    where = [str(part) for part in complaint["loc"]]
-    key = ".".join(where)
+    key = ".".join(str(part) for part in complaint["loc"])
     value: Any = raw
+    hint: Any = Config
     record: Any = Config
     for part in complaint["loc"]:
         value = value.get(part, "missing") if isinstance(value, Mapping) else _item(value, part)
-        hint = get_type_hints(record).get(str(part)) if dataclasses.is_dataclass(record) else None
         record = hint if dataclasses.is_dataclass(hint) else record
-    kind = str(complaint["type"])
-    if "extra" in kind:
+        hint = get_type_hints(hint).get(str(part)) if dataclasses.is_dataclass(hint) else _element(hint)
+    if "extra" in str(complaint["type"]):
         known = ", ".join(field.name for field in dataclasses.fields(record))
         return ConfigError(key, value, f"a known key: {known}", source_of(key))
-    said = str(complaint["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
-    return ConfigError(key, value, "a value" if "missing" in kind else said, source_of(key))
+    return ConfigError(key, value, _expectation(hint), source_of(key))
+
+
+def _element(hint: Any) -> Any:
+    """Return the type of the elements of a tuple or the values of a dictionary."""
+    return (get_args(hint) or (None,))[-1 if get_origin(hint) is dict else 0]
+
+
+def _expectation(hint: Any) -> str:
+    """Say in words what a field takes; the library's own words differ from version to version."""
+    if dataclasses.is_dataclass(hint):
+        return "keys and values"
+    if get_origin(hint) is Literal:
+        return " or ".join(repr(choice) for choice in get_args(hint))
+    if get_origin(hint) is tuple:
+        return f"a list, each element {_expectation(_element(hint))}"
+    names = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+    return names.get(hint, "keys and values")
 
 
 def _item(value: Any, part: Any) -> Any:
