@@ -71,7 +71,9 @@ def practice(
     from tel_ros.app.practice import practise
     from tel_ros.app.progress_view import ProgressView
 
-    signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
     try:
         config = load_config(config_file, overrides)
