@@ -54,7 +54,6 @@ setup(
     extras_require={
         # ROS 2 Jazzy from wheels, for machines without a ROS installation.
         "ros": [
-            "ros-jazzy-diagnostic-msgs",
             "ros-jazzy-rclpy",
             "ros-jazzy-rmw-fastrtps-cpp",
             "ros-jazzy-sensor-msgs",

@@ -24,7 +24,6 @@ BARE_S = 5.0
 
 ECHO = """
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 rclpy.init()
@@ -34,8 +33,8 @@ pub = node.create_publisher(Float64MultiArray, "bare_command", 1)
 node.create_subscription(JointState, "bare_state", lambda message: pub.publish(answer), 1)
 try:
     rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+except BaseException:
+    pass  # however it is ended: its work is done
 """
 
 

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
-from tel_ros.recording.trial_bag import RecordedTrial, read_trial
+from tel_ros.recording.trial_bag import RecordedTrial, check_bag, read_trial
 
 Item = TypeVar("Item")
 
@@ -170,7 +168,7 @@ def _drawn(
     for trial in trials:
         if trial.bag is not None and trial.index not in (problems.keys() | read.keys()):
             try:
-                _check_outside(folder / trial.bag)
+                check_bag(folder / trial.bag)
             except BagError as error:
                 problems[trial.index] = _complaint(folder, error)
     return drawn, [f"Trial {index} is not drawn: {problem}." for index, problem in sorted(problems.items())]
@@ -181,18 +179,6 @@ def _problem(trial: TrialSummary) -> str:
     if trial.bag is None:
         return "it has no bag"
     return "" if trial.reached_run else f"it was {trial.outcome} before the movement began"
-
-
-def _check_outside(bag: Path) -> None:
-    """Raise BagError unless a bag is there and closed. Its messages are not read."""
-    if not (bag / "metadata.yaml").is_file():
-        found = "has no metadata.yaml: it was never closed" if bag.is_dir() else "there is no such folder"
-        raise BagError(bag, found, "a closed rosbag2 folder of a trial")
-    try:
-        with AnyReader([bag]):
-            pass
-    except (AnyReaderError, OSError, ValueError) as error:
-        raise BagError(bag, f"cannot be opened ({error})", "a closed rosbag2 folder of a trial") from error
 
 
 def _read(bag: Path, joints: tuple[str, ...]) -> RecordedTrial:

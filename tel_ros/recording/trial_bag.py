@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,12 +107,30 @@ def read_trial(bag: Path) -> RecordedTrial:
             trial had ticks.
     """
     metadata = _metadata(bag)
+    with _opened(bag) as reader:
+        states = _messages(reader, bag, topics.CONTROL_STATES)
+        results = _messages(reader, bag, topics.TRIAL_RESULT)
+        return _trial(bag, metadata, states, results)
+
+
+def check_bag(bag: Path) -> None:
+    """Make sure that a bag is closed, unchanged and can be opened. Its messages are not read.
+
+    Raises:
+        BagError: it is not.
+    """
+    _metadata(bag)
+    with _opened(bag):
+        pass
+
+
+@contextmanager
+def _opened(bag: Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError."""
     try:
         _check_sums(bag)
         with AnyReader([bag]) as reader:
-            states = _messages(reader, bag, topics.CONTROL_STATES)
-            results = _messages(reader, bag, topics.TRIAL_RESULT)
-        return _trial(bag, metadata, states, results)
+            yield reader
     except BagError:
         raise
     except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
