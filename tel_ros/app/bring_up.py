@@ -15,7 +15,7 @@ from types import TracebackType
 
 import psutil
 
-from tel_ros.app.errors import NodeDiedError
+from tel_ros.app.errors import EXIT_BAD_INPUT, NodeDiedError
 from tel_ros.core.config import Config
 
 MODULES = {
@@ -85,7 +85,7 @@ class NodeProcesses:
             code = process.poll()
             if code is not None:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}")
+                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}", code == EXIT_BAD_INPUT)
 
     def stop(self) -> None:
         """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""

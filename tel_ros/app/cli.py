@@ -18,6 +18,7 @@ from tel_ros.app.errors import (
     EXIT_INTERRUPTED,
     EXIT_NOT_COMPLETED,
     GraphError,
+    NodeDiedError,
 )
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
@@ -80,7 +81,8 @@ def practice(
         with ProgressView(_PROGRESS) as view:
             result = practise(config, folder, view.update)
     except GraphError as error:
-        _end(f"{error}", EXIT_GRAPH_FAILED, folder)
+        bad_input = isinstance(error, NodeDiedError) and error.bad_input
+        _end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED, folder)
     except TelError as error:
         _end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:

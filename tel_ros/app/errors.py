@@ -15,4 +15,13 @@ class GraphError(TelError):
 
 
 class NodeDiedError(GraphError):
-    """A node's process ended although the run had not."""
+    """A node's process ended although the run had not.
+
+    Args:
+        message: which, how, and what it said.
+        bad_input: whether it ended because it could not use what it was given.
+    """
+
+    def __init__(self, message: str, bad_input: bool) -> None:
+        self.bad_input = bad_input
+        super().__init__(message)

@@ -309,6 +309,13 @@ class Config:
             self.sim.physics_rate_hz,
             f"a whole multiple of control.rate_hz = {self.control.rate_hz}",
         )
+        periods = self.sim.command_delay_s * self.control.rate_hz
+        _require(
+            abs(periods - round(periods)) < 1e-6,
+            "sim.command_delay_s",
+            self.sim.command_delay_s,
+            f"a whole multiple of the control period {1.0 / self.control.rate_hz:g} s",
+        )
         for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm", "initial_position_rad"):
             values = getattr(self.sim, key)
             _require(

@@ -79,7 +79,7 @@ def run_node(
     except KeyboardInterrupt:
         pass
     except TelError as error:
-        print(f"{node.get_name() if node else sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        print(error, file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     finally:
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -34,6 +34,10 @@ def waypoints(tmp_path: Path, text: str) -> str:
         ("arm.joints=[shoulder, wrist]", ["arm.joints", "wrist", "shoulder, elbow"]),
         ("practice.goal_duration_s=0.5", ["path.name", "planar_loops", "the arm can follow in"]),
         ("path.name=spiral", ["path.name", "spiral", "planar_loops"]),
+        (
+            "sim.command_delay_s=0.003",
+            ["sim.command_delay_s", "0.003", "multiple of the control period 0.002 s"],
+        ),
         ("practice.strategy", ["practice.strategy", "an assignment"]),
     ],
 )

@@ -159,3 +159,11 @@ def test_an_external_arm_that_is_not_there_is_reported_and_nothing_simulated_sta
     assert "sim_bridge" not in names
     assert time.monotonic() - started < 60.0
     assert not [p for p in psutil.process_iter(["cmdline"]) if str(run.folder) in str(p.info["cmdline"])]
+
+
+def test_a_value_that_only_a_node_can_refuse_is_bad_input_as_well(tel: Tel) -> None:
+    run = tel(*QUICK, "sim.initial_position_rad=[3.5, 0.0]")  # outside the range that the URDF gives
+    code, _, err = run.finish()
+    assert code == 2
+    assert "sim.initial_position_rad is [3.5, 0.0]; expected one value in rad a joint" in err
+    assert run.left_behind() == []
