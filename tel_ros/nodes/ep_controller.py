@@ -32,7 +32,8 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
 WATCHDOG_PERIOD_S = 0.02
-FEEDBACK_PERIOD_S = 0.1
+FEEDBACK_PERIOD_S = 0.2
+READY_PERIOD_S = 0.1
 COMPLAINT_PERIOD_S = 1.0
 
 
@@ -78,7 +79,7 @@ class EpControllerNode(Node):
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
         self._ready_pub.publish(self._ready)
-        self.create_timer(FEEDBACK_PERIOD_S, self._publish_ready)
+        self.create_timer(READY_PERIOD_S, self._publish_ready)
         # The trial is driven by joint states. An execute callback that waited for its end would either block
         # them or keep the executor polling, so it runs at the end of the trial only, to hand over the result.
         self._server = ActionServer(

@@ -18,7 +18,7 @@ from tel_ros.core.errors import TelError
 from tel_ros.nodes.hot_loop import spin_hot
 
 EXIT_BAD_INPUT = 2
-_SIGNAL_CHECK_S = 0.05
+_SIGNAL_CHECK_S = 0.2
 _LONGEST_STOP_S = 3.0  # less than `ros2 launch` waits before it becomes rude
 _LAST_WORDS_S = 0.2  # for results that are on their way to whoever waits for them
 _SAME_REQUEST_S = 1.0
