@@ -120,7 +120,7 @@ def test_flat_values_have_dotted_keys(config: Config) -> None:
         ("seed=12", "seed", 12),
         ("arm.stiffness_nm_per_rad=[10, 12.5]", "arm.stiffness_nm_per_rad", [10.0, 12.5]),
         ("sim.coulomb_friction_nm=[0.1, 0.2]", "sim.coulomb_friction_nm", [0.1, 0.2]),
-        ("sim.command_delay_s=1e-3", "sim.command_delay_s", 0.001),
+        ("sim.command_delay_s=2e-3", "sim.command_delay_s", 0.002),
     ],
 )
 def test_an_option_takes_the_place_of_a_value(
