@@ -41,6 +41,7 @@ setup(
     zip_safe=False,
     install_requires=[
         "click",
+        "numba",
         "numpy",
         "psutil",
         "pydantic>=1.10",
@@ -49,6 +50,7 @@ setup(
         "rosbags>=0.10.9",
         "scipy",
         "setuptools",
+        "threadpoolctl",
         "urdf-parser-py",
     ],
     extras_require={
@@ -77,6 +79,10 @@ setup(
         ],
         "sim": ["pybullet"],
         "report": ["jinja2", "matplotlib"],
+        # For the learners rigid_body and rigid_body+lms_tree.
+        "rigid-body": ["pin"],
+        # What benchmarks/learners.py compares with.
+        "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name.
         "test": ["pytest", "pytest-timeout"],
         "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],

@@ -13,6 +13,8 @@ CORE, RECORDING, NODES, APP = (ROOT / "tel_ros" / part for part in ("core", "rec
 BRIDGE = ROOT / "sim_bridge"
 BRIDGE_NODE = BRIDGE / "node.py"
 ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
+RIGID_BODY = CORE / "learning" / "rigid_body.py"
+ONE_THREAD = CORE / "learning" / "one_thread.py"
 
 
 def imported(source: str) -> set[str]:
@@ -53,9 +55,22 @@ def is_inside(name: str, *packages: str) -> bool:
     return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
-def outside_core(source: str) -> set[str]:
-    allowed = (*(sys.stdlib_module_names | ARRAY_LIBRARIES), "tel_ros.core")
+def outside_core(source: str, *also: str) -> set[str]:
+    allowed = (*(sys.stdlib_module_names | ARRAY_LIBRARIES), "tel_ros.core", *also)
     return {name for name in imported(source) if not is_inside(name, *allowed)}
+
+
+def imported_at_once(source: str) -> set[str]:
+    """Return what a source imports when it is itself imported: not what only its functions do."""
+    tree = ast.parse(source)
+
+    class WithoutFunctions(ast.NodeTransformer):
+        def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802, the name of ast
+            return ast.copy_location(ast.Pass(), node)
+
+        visit_AsyncFunctionDef = visit_FunctionDef  # noqa: N815, the name of ast
+
+    return imported(ast.unparse(WithoutFunctions().visit(tree)))
 
 
 def forbidden(source: str, *packages: str) -> set[str]:
@@ -73,9 +88,20 @@ def sources(*places: Path, but: tuple[Path, ...] = ()) -> list[object]:
     return [pytest.param(path, id=path.relative_to(ROOT).as_posix()) for path in kept]
 
 
-@pytest.mark.parametrize("path", sources(CORE))
+@pytest.mark.parametrize("path", sources(CORE, but=(RIGID_BODY, ONE_THREAD)))
 def test_core_imports_only_array_libraries_and_the_standard_library(path: Path) -> None:
     assert outside_core(path.read_text(encoding="utf-8")) == set()
+
+
+def test_rigid_links_alone_import_pinocchio_and_only_inside_a_function() -> None:
+    """It is optional: without it everything but these learners has to work."""
+    source = RIGID_BODY.read_text(encoding="utf-8")
+    assert outside_core(source) == {"pinocchio"}
+    assert not [name for name in imported_at_once(source) if is_inside(name, "pinocchio")]
+
+
+def test_the_number_of_threads_is_set_with_threadpoolctl_in_one_module_alone() -> None:
+    assert outside_core(ONE_THREAD.read_text(encoding="utf-8"), "threadpoolctl") == set()
 
 
 @pytest.mark.parametrize("path", sources(RECORDING))
@@ -122,6 +148,24 @@ def test_the_simulated_arm_apart_from_its_node_uses_only_the_core(path: Path) ->
 )
 def test_an_import_that_core_must_not_have_is_found(source: str) -> None:
     assert outside_core(source) != set()
+
+
+@pytest.mark.parametrize(
+    ("source", "at_once"),
+    [
+        ("import pinocchio", True),
+        ("if True:\n    import pinocchio", True),
+        ("try:\n    from pinocchio import Model\nexcept ImportError:\n    pass", True),
+        ("class Arm:\n    import pinocchio", True),
+        ("def late():\n    import pinocchio", False),
+        ("class Arm:\n    def late(self):\n        from pinocchio import Model", False),
+        ("async def late():\n    import pinocchio", False),
+    ],
+)
+def test_what_is_imported_at_once_is_told_from_what_a_function_imports(source: str, at_once: bool) -> None:
+    assert ("pinocchio" in imported_at_once(source + "\nimport math")) is at_once
+    assert "math" in imported_at_once(source + "\nimport math")
+    assert "pinocchio" in outside_core(source)
 
 
 @pytest.mark.parametrize(

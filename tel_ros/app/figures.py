@@ -19,17 +19,22 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLo
 from tel_ros.app.figure_export import BLUE, FAINT, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, SOFT
 from tel_ros.app.hand_path import drawing_plane, hand_path
 from tel_ros.app.report_data import DrawnTrial, TrialSummary
-from tel_ros.app.report_text import seconds, significant, trial_label
+from tel_ros.app.report_text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import BoolArray, FloatArray
 
 WIDTH_IN = 7.2
 """Across both columns of a paper."""
 
+_PAGE_IN = 9.7
+"""Height of what fits on a page with its caption."""
 _LEGEND_IN = 0.27
 _TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
 _VISIBLE_SHARE = 0.3
 """An effort limit is drawn unless the efforts reach less than this share of it and would look flat."""
+_BAND_ALPHA = 0.2
+_BAND_POINTS = 400
+_BAND_LABEL = "±2 standard deviations that the network expected of its command"
 
 
 @dataclass(frozen=True)
@@ -94,21 +99,28 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
     ]
     if not all(panel.completed for panel in panels):
         handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
-    _legend_below(figure, "compressed", handles)
+    _legend_below(figure, "compressed", [handles])
     return figure
 
 
 def _legend_below(
-    figure: Figure, layout: Literal["constrained", "compressed"], handles: Sequence[Artist]
+    figure: Figure, layout: Literal["constrained", "compressed"], rows: Sequence[Sequence[Artist]]
 ) -> None:
-    """Put a legend of one row under the axes.
+    """Put a legend under the axes, row by row.
 
     The layout is told to leave room for it: places outside the axes are known from matplotlib 3.7 on, and
     ROS 2 Jazzy comes with 3.6.
     """
-    room = _LEGEND_IN / figure.get_figheight()
-    figure.set_layout_engine(layout, rect=(0.0, room, 1.0, 1.0 - room))
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    row = _LEGEND_IN / figure.get_figheight()
+    figure.set_layout_engine(layout, rect=(0.0, len(rows) * row, 1.0, 1.0 - len(rows) * row))
+    for place, handles in enumerate(reversed(rows)):
+        figure.legend(
+            handles=handles,
+            loc="lower center",
+            bbox_to_anchor=(0.5, place * row),
+            ncols=len(handles),
+            columnspacing=1.6,
+        )
 
 
 _DOTS = (0, (1.0, 2.0))
@@ -165,7 +177,7 @@ def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
     duration.set_ylim(bottom=0.0)
     if not all(trial.completed for trial in trials):
         mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
-        _legend_below(figure, "constrained", [mark])
+        _legend_below(figure, "constrained", [[mark]])
     return figure
 
 
@@ -211,7 +223,7 @@ def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm:
         joints: names.
         limits_nm: effort limits, one for each joint.
     """
-    figure, panels = _joint_panels(joints, len(drawn))
+    figure, panels = _panels(joints)
     clipped = limited = False
     for joint, axes in enumerate(panels):
         for trial, colour in zip(drawn, _colours(drawn), strict=True):
@@ -226,43 +238,78 @@ def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm:
         handles.append(Line2D([], [], color=SOFT, linestyle="--", linewidth=0.9, label="limit"))
     if clipped:
         handles.append(Line2D([], [], color=PURPLE, linewidth=4.0, alpha=0.55, label="clipped at the limit"))
-    _legend_below(figure, "constrained", handles)
+    _legend_below(figure, "constrained", [handles])
     return figure
 
 
 def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figure:
-    """Return measured minus desired position of each joint over the time of a movement."""
-    figure, panels = _joint_panels(joints, len(drawn))
-    for joint, axes in enumerate(panels):
-        for trial, colour in zip(drawn, _colours(drawn), strict=True):
-            recorded = trial.recorded
-            error_rad = (recorded.position_rad - recorded.desired[:, : len(joints)])[recorded.run, joint]
-            time = _movement_time(trial)
-            axes.plot(time, error_rad, color=colour, linewidth=1.1)
-            if not trial.summary.completed:
-                axes.plot(time[-1], error_rad[-1], **_BROKEN_OFF)
-        axes.set_ylabel("actual − desired [rad]")
-    handles = _trial_handles(drawn)
+    """Return measured minus desired position of each joint over the time of a movement.
+
+    A trial whose error the network expected has panels of its own, with the band: beside the error of a
+    trial before learning, or the wider band of a faster one, there would be nothing to see of it.
+    """
+    coloured = list(zip(drawn, _colours(drawn), strict=True))
+    banded = [(trial, colour) for trial, colour in coloured if trial.is_std_known]
+    columns = [(trial_label(trial.summary).lower(), [(trial, colour)], True) for trial, colour in banded]
+    if len(banded) < len(drawn):
+        numbers = enumeration([str(trial.summary.index) for trial in drawn])
+        columns.insert(0, (f"trials {numbers}", coloured, False))
+    titles = [f"{joint}: {head}" if banded else joint for joint in joints for head, *_ in columns]
+    figure, panels = _panels(titles, max(2, len(columns)))
+    for place, axes in enumerate(panels):
+        joint, column = divmod(place, len(columns))
+        _, shown, with_band = columns[column]
+        for trial, colour in shown:
+            if with_band:
+                _draw_band(axes, trial, colour, joint)
+            _draw_error(axes, trial, colour, joint)
+        if column == 0:
+            axes.set_ylabel("actual − desired [rad]")
+    handles: list[Artist] = list(_trial_handles(drawn))
     if not all(trial.summary.completed for trial in drawn):
         handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
-    _legend_below(figure, "constrained", handles)
+    rows = [handles]
+    if banded:
+        rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=_BAND_LABEL)])
+    _legend_below(figure, "constrained", rows)
     return figure
 
 
-def _joint_panels(joints: Sequence[str], n_trials: int) -> tuple[Figure, list[Axes]]:
-    columns = min(2, len(joints))
-    rows = math.ceil(len(joints) / columns)
-    figure = Figure(figsize=(WIDTH_IN, 2.2 * rows + 0.5), layout="constrained")
+def _draw_error(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
+    time, error_rad = _movement_time(trial), trial.error_rad[:, joint]
+    axes.plot(time, error_rad, color=colour, linewidth=1.1)
+    if not trial.summary.completed:
+        axes.plot(time[-1], error_rad[-1], **_BROKEN_OFF)
+
+
+def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
+    """Draw what the network expected of its command, where it expected anything finite."""
+    half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
+    # Unlike a line, an area is written with all of its points, and thousands would show no more.
+    rows = np.unique(np.linspace(0, len(half_rad) - 1, _BAND_POINTS).round().astype(int))
+    time, half_rad = _movement_time(trial)[rows], half_rad[rows]
+    known = np.isfinite(half_rad)
+    half_rad = np.where(known, half_rad, 0.0)
+    style: dict[str, Any] = {"color": colour, "alpha": _BAND_ALPHA, "linewidth": 0.0, "zorder": 0.8}
+    axes.fill_between(time, -half_rad, half_rad, where=known, **style)
+
+
+def _panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, list[Axes]]:
+    """Return axes over the time of a movement, row by row."""
+    columns = min(columns, len(titles))
+    rows = math.ceil(len(titles) / columns)
+    figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, _PAGE_IN)), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     panels = list(grid.flat)
-    for axes in panels[len(joints) :]:
+    for axes in panels[len(titles) :]:
         axes.remove()
-    panels = panels[: len(joints)]
-    for place, (axes, joint) in enumerate(zip(panels, joints, strict=True)):
+    panels = panels[: len(titles)]
+    for place, (axes, title) in enumerate(zip(panels, titles, strict=True)):
         axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
-        axes.set_title(joint)
+        axes.set_title(title)
         axes.set_xlim(-0.01, 1.01)
-        if place + columns >= len(joints):
+        axes.xaxis.set_major_locator(MultipleLocator(0.2 if columns < 3 else 0.5))
+        if place + columns >= len(titles):
             axes.set_xlabel("time / duration of the trial")
             axes.tick_params(labelbottom=True)
     return figure, panels

@@ -25,6 +25,7 @@ from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.recording import topics
+from tel_ros.recording.new_network import new_network
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
 from tel_ros.recording.waypoint_file import load_path
 
@@ -35,12 +36,14 @@ OnFeedback = Callable[[Practice.Feedback], None]
 
 
 def check_before_moving(config: Config) -> None:
-    """Make sure that all trials that are planned stay within the limits of the arm.
+    """Make sure that there is such a learner, and that all planned trials stay within the limits of the arm.
 
     Raises:
-        ConfigError: the movement leaves the range of a joint or is too fast for it.
+        ConfigError: the learner is not known or cannot do what is asked; the movement leaves
+            the range of a joint or is too fast for it.
         InputFileError: the file of waypoints is missing or malformed.
     """
+    new_network(config)
     path = load_path(config.path, config.arm)
     limits = Limits.of(config.arm, config.control.corridor_rad)
     for duration_s in sorted(set(make_strategy(config.practice).planned_durations_s)):

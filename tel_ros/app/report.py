@@ -135,7 +135,7 @@ def _figures(run: RunData) -> dict[str, ReportFigure]:
             run.folder,
             "tracking",
             lambda: figures.tracking_figure(run.drawn, arm.joints),
-            "Tracking error of each joint over the movement, for the same trials.",
+            report_text.tracking_caption(run.drawn),
         ),
     }
 

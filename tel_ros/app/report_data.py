@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
+from tel_ros.core.types import FloatArray
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
@@ -83,6 +86,27 @@ class DrawnTrial:
 
     summary: TrialSummary
     recorded: RecordedTrial
+
+    @property
+    def error_rad(self) -> FloatArray:
+        """Measured minus desired position in RUN. Shape (n_run, n_joints)."""
+        trial = self.recorded
+        error: FloatArray = (trial.position_rad - trial.desired[:, : len(trial.joints)])[trial.run]
+        return error
+
+    @property
+    def is_std_known(self) -> bool:
+        """Whether the network expected anything of its command at any time."""
+        return bool(np.isfinite(self.recorded.command_std_rad).any())
+
+    @property
+    def share_within_two_std(self) -> float:
+        """Share of the errors, over all joints, within the band where there is one; NaN without a band."""
+        std_rad = self.recorded.command_std_rad
+        known = np.isfinite(std_rad)
+        if not known.any():
+            return math.nan
+        return float(np.mean(np.abs(self.error_rad[known]) <= 2.0 * std_rad[known]))
 
 
 @dataclass(frozen=True)

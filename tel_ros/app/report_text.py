@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tel_ros.app.report_data import RunData, TrialSummary
+from tel_ros.app.report_data import DrawnTrial, RunData, TrialSummary
 
 NOTHING = "–"
 
@@ -97,6 +97,30 @@ def _error(trial: TrialSummary) -> str:
 def trial_label(trial: TrialSummary) -> str:
     """Return a trial's name for a legend or a title."""
     return f"Trial {trial.index}" + ("" if trial.completed else f", {trial.outcome}")
+
+
+def enumeration(words: Sequence[str]) -> str:
+    """Return words in one phrase: ``a``, ``a and b``, ``a, b and c``."""
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def tracking_caption(drawn: Sequence[DrawnTrial]) -> str:
+    """Return what the figure of the tracking error shows, and what there is to know about its bands."""
+    caption = "Tracking error of each joint over the movement, for the same trials."
+    banded = [trial for trial in drawn if trial.is_std_known]
+    if not banded:
+        return caption
+    shares = [
+        f"{100.0 * trial.share_within_two_std:.0f}\N{NO-BREAK SPACE}% in trial {trial.summary.index}"
+        for trial in banded
+    ]
+    return (
+        f"{caption} Each panel has a scale of its own. The band is what the network expected, before the "
+        "trial, of the error of its command; through the spring this is, at low frequency, the position "
+        f"error that it leads to, so about 95\N{NO-BREAK SPACE}% of the error should lie within the band. "
+        f"Found within: {enumeration(shares)}."
+    )
 
 
 def growth(trial: TrialSummary, joints: tuple[str, ...]) -> list[list[str]]:

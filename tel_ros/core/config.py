@@ -159,8 +159,10 @@ class PracticeConfig:
 class LearningConfig:
     """The network and how it learns ([Practice] Sec. 2.1 and 3)."""
 
-    name: Literal["lms_tree"] = "lms_tree"
-    weights: Literal["lms"] = "lms"
+    name: str = "lms_tree"
+    """``lms_tree``, ``rigid_body``, ``rigid_body+lms_tree``, or a learner that another package offers."""
+    weights: Literal["lms", "least_squares"] = "lms"
+    """How a tree finds its weights: sample by sample (the paper), or solved for all trials at once."""
     training: Literal["actual", "desired"] = "actual"
     """Where the command error is applied: at the actual or at the desired trajectory."""
     gaussians_per_input: int = 10
@@ -173,10 +175,21 @@ class LearningConfig:
     """How often a trial's samples are gone through."""
     gaussian_width: float = 1.0
     """Standard deviation of a Gaussian in units of the distance between neighbouring centres."""
+    gaussians: Literal["auto", "raw", "normalised"] = "auto"
+    """``normalised``: those of one input add up to 1. ``auto``: raw for ``lms``, else normalised."""
+    forgetting: float = 1.0
+    """``least_squares``: what a trial counts after the next one has been learned; 1: as much as before."""
+    detect_change: bool = True
+    """``least_squares``: when a trial tells of another arm than the earlier ones, these are forgotten."""
+    memory_samples: int = 20_000
+    """``least_squares``: samples that are kept for growing; the oldest are thinned out beyond that."""
     input_margin: float = 1.3
     """Input ranges cover the goal movement, widened by this factor."""
+    filter: Literal["auto", "fixed"] = "auto"
+    """``auto``: the cutoff is chosen for each trial, where its motion sinks into its noise."""
     filter_cutoff_hz: float = 15.0
-    """Zero-phase low-pass for recorded positions and commands; 0 switches it off."""
+    """Zero-phase low-pass for recorded positions and commands: the cutoff (0: no filter), or the highest to
+    choose (0: no limit)."""
 
     def __post_init__(self) -> None:
         _require_choices(self)
@@ -186,6 +199,8 @@ class LearningConfig:
         _require(0.0 < self.rate <= 1.0, "rate", self.rate, "a number above 0 and up to 1")
         _require(self.passes >= 1, "passes", self.passes, "a whole number of at least 1")
         _require_positive(self, "gaussian_width")
+        _require(0.0 < self.forgetting <= 1.0, "forgetting", self.forgetting, "a number above 0 and up to 1")
+        _require(self.memory_samples >= 1000, "memory_samples", self.memory_samples, "at least 1000")
         _require(1.0 <= self.input_margin < math.inf, "input_margin", self.input_margin, "at least 1")
         _require_at_least_zero(self, "filter_cutoff_hz")
 

@@ -185,9 +185,14 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
 
 
 def to_goal_message(
-    trial: int, alpha: float, joints: Sequence[str], desired: DesiredTrajectory, equilibrium_rad: FloatArray
+    trial: int,
+    alpha: float,
+    joints: Sequence[str],
+    desired: DesiredTrajectory,
+    equilibrium_rad: FloatArray,
+    std_rad: Sequence[float] = (),
 ) -> TrialGoalMessage:
-    """Return the goal of a trial as a message."""
+    """Return the goal of a trial as a message; ``std_rad`` is flat, point by point, or empty."""
     return TrialGoalMessage(
         trial=trial,
         alpha=alpha,
@@ -197,6 +202,7 @@ def to_goal_message(
         velocity_rad_s=to_array(desired.velocity_rad_s),
         acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
         equilibrium_rad=to_array(equilibrium_rad),
+        std_rad=std_rad,
     )
 
 

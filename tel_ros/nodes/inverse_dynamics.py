@@ -11,15 +11,18 @@ from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, Tra
 
 from tel_ros.core.errors import TelError, TrainingError
 from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.learning.inverse_dynamics import TrainingOutcome
-from tel_ros.core.learning.signals import training_samples
-from tel_ros.nodes.conversions import to_desired, to_trajectory_message
+from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.types import FloatArray
+from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.trial_bag import read_trial
+
+_STD_STEP = 10
 
 
 class InverseDynamicsNode(Node):
@@ -29,6 +32,7 @@ class InverseDynamicsNode(Node):
         super().__init__("inverse_dynamics")
         self._config = load_parameters(self, "arm", "path", "practice", "control", "learning", "seed")
         self._network = new_network(self._config)
+        self._joints = self._config.arm.joints
         self.create_service(PredictEquilibrium, topics.PREDICT, self._predict)
         self.create_service(TrainOnTrials, topics.TRAIN, self._train)
         self.create_service(SaveNetwork, topics.SAVE, self._save)
@@ -38,15 +42,26 @@ class InverseDynamicsNode(Node):
         self, request: PredictEquilibrium.Request, response: PredictEquilibrium.Response
     ) -> PredictEquilibrium.Response:
         try:
-            desired = to_desired(request.desired, self._network.joints)
+            desired = to_desired(request.desired, self._joints)
         except TelError as error:
             return self._refuse(response, error)
         inputs = query_inputs(desired, 1.0 / self._config.control.rate_hz)
         equilibrium = desired.position_rad + self._network.predict(inputs)
-        response.equilibrium = to_trajectory_message(self._network.joints, desired.time_ns, equilibrium)
+        response.equilibrium = to_trajectory_message(self._joints, desired.time_ns, equilibrium)
+        response.std_rad = to_array(self._std_rad(inputs))
         response.revision = revision(self._network)
         response.success = True
         return response
+
+    def _std_rad(self, inputs: FloatArray) -> FloatArray:
+        """Return the standard deviation of the command's error at all points. Shape (n, n_joints).
+
+        It is asked for at some of the points only: it costs much more than the prediction, and changes as
+        slowly as the movement.
+        """
+        known = np.unique(np.append(np.arange(0, len(inputs), _STD_STEP), len(inputs) - 1))
+        std = self._network.std(inputs[known])
+        return np.column_stack([np.interp(np.arange(len(inputs)), known, column) for column in std.T])
 
     def _train(
         self, request: TrainOnTrials.Request, response: TrainOnTrials.Response
@@ -60,9 +75,9 @@ class InverseDynamicsNode(Node):
             network, outcomes = self._network, []
             for bag in request.bags:
                 trial = read_trial(Path(bag))
-                if trial.joints != network.joints:
-                    raise _other_joints(bag, trial.joints, network.joints)
-                samples = training_samples(trial.signals(), self._config.learning.filter_cutoff_hz)
+                if trial.joints != self._joints:
+                    raise _other_joints(bag, trial.joints, self._joints)
+                samples = configured_samples(trial.signals(), self._config.learning)
                 network, outcome = network.trained_on(samples, mode)
                 outcomes.append(outcome)
                 response.samples += len(samples.offset_rad)
@@ -70,7 +85,7 @@ class InverseDynamicsNode(Node):
             return self._refuse(response, error)
         self._network = network
         _fill(response, outcomes)
-        response.subtrees = [tree.n_subtrees for tree in network.trees]
+        response.subtrees = list(network.subtrees)
         response.revision = revision(network)
         response.success = True
         self.get_logger().info(
@@ -90,8 +105,8 @@ class InverseDynamicsNode(Node):
     def _load(self, request: LoadNetwork.Request, response: LoadNetwork.Response) -> LoadNetwork.Response:
         try:
             network = load_network(Path(request.path))
-            if network.joints != self._network.joints:
-                raise _other_joints(request.path, network.joints, self._network.joints)
+            if network.context.joints != self._joints:
+                raise _other_joints(request.path, network.context.joints, self._joints)
         except TelError as error:
             return self._refuse(response, error)
         self._network = network

@@ -188,7 +188,8 @@ class PracticeManagerNode(Node):
         request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
         prediction = self._call(self._predict, request, ANSWER_TIMEOUT_S)
         equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
-        return to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad), prediction.revision
+        goal = to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad, prediction.std_rad)
+        return goal, prediction.revision
 
     def _is_worth_learning_from(self, report: TrialReport) -> bool:
         if report.outcome == Outcome.COMPLETED:

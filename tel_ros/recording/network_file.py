@@ -1,12 +1,14 @@
-"""Storing a network in a file.
+"""Storing a learner in a file.
 
-Format ``tel_ros network 1``: a NumPy ``.npz`` archive (no pickles) with
+Format ``tel_ros network 2``: a NumPy ``.npz`` archive (no pickles) with
 
-- ``header``: JSON text with ``format``, ``joints``, ``learning`` (the learner's configuration), ``seed`` and
-  ``trials_learned``;
+- ``header``: JSON text with ``format``, ``learner`` (its name), ``context`` (joints, K, B, the learner's
+  configuration, seed, URDF) and ``state`` (what else the learner has to say, by its own rules);
 - ``input_low``, ``input_high``: ranges of the 3 * n_joints inputs, shape (3 * n_joints,);
-- for each joint j: ``weights_j``, shape (1 + subtrees, 3 * n_joints, gaussians), and ``parents_j``, shape
-  (subtrees, 3): subtree, input and Gaussian that each subtree hangs under.
+- ``state_…``: the learner's arrays. For trees: for each joint j ``state_weights_j``, shape (1 + subtrees,
+  3 * n_joints, gaussians), and ``state_parents_j``, shape (subtrees, 3): subtree, input and Gaussian that
+  each subtree hangs under. For rigid links: ``state_parameters`` (see
+  :mod:`tel_ros.core.learning.rigid_body`).
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
 from pathlib import Path
 
@@ -22,34 +25,39 @@ import numpy as np
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.inverse_dynamics import LmsTreeInverseDynamics
-from tel_ros.core.learning.lms_tree import Leaf
+from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner
+from tel_ros.recording.learners import learner_kind
 
-FORMAT = "tel_ros network 1"
+FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
+_STATE = "state_"
 
 
-def revision(network: LmsTreeInverseDynamics) -> str:
-    """Return a hash of everything that the network's answers depend on."""
-    digest = hashlib.sha256(_header(network).encode())
-    for array in _arrays(network).values():
+def revision(learner: Learner) -> str:
+    """Return a hash of everything that the learner's answers depend on."""
+    stored = learner.stored()
+    digest = hashlib.sha256(_header(learner, stored).encode())
+    for name, array in sorted(_arrays(learner, stored).items()):
+        digest.update(name.encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]
 
 
-def save_network(network: LmsTreeInverseDynamics, path: Path) -> None:
-    """Write a network so that a reader finds the old file or the new one, never half of one.
+def save_network(learner: Learner, path: Path) -> None:
+    """Write a learner so that a reader finds the old file or the new one, never half of one.
 
     Raises:
         NetworkFileError: the file cannot be written.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    stored = learner.stored()
+    arrays = _arrays(learner, stored)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with beside.open("wb") as file:
                 # The variadic parameter is typed for options, too, which mypy cannot tell from array names.
-                np.savez(file, header=np.array(_header(network)), **_arrays(network))  # type: ignore[arg-type]
+                np.savez(file, header=np.array(_header(learner, stored)), **arrays)  # type: ignore[arg-type]
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)
@@ -59,8 +67,8 @@ def save_network(network: LmsTreeInverseDynamics, path: Path) -> None:
         raise NetworkFileError(path, f"cannot be written ({error})", "a file that can be written") from error
 
 
-def load_network(path: Path) -> LmsTreeInverseDynamics:
-    """Read a network and check that it is whole.
+def load_network(path: Path) -> Learner:
+    """Read a learner and check that it is whole.
 
     Raises:
         NetworkFileError: the file is missing, is no such network, or holds values that are not finite or
@@ -69,8 +77,8 @@ def load_network(path: Path) -> LmsTreeInverseDynamics:
     if not path.is_file():
         raise NetworkFileError(path, "there is no such file", _EXPECTED)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            return _restored(stored, path)
+        with np.load(path, allow_pickle=False) as file:
+            return _restored(file, path)
     except NetworkFileError:
         raise
     except Exception as error:  # damaged bytes make NumPy and its libraries raise whatever they raise
@@ -78,56 +86,63 @@ def load_network(path: Path) -> LmsTreeInverseDynamics:
         raise NetworkFileError(path, found, _EXPECTED) from error
 
 
-def _header(network: LmsTreeInverseDynamics) -> str:
+def _header(learner: Learner, stored: StoredLearner) -> str:
+    context = learner.context
     return json.dumps(
         {
             "format": FORMAT,
-            "joints": list(network.joints),
-            "learning": dataclasses.asdict(network.learning),
-            "seed": network.seed,
-            "trials_learned": network.trials_learned,
+            "learner": context.learning.name,
+            "context": {
+                "joints": list(context.joints),
+                "stiffness_nm_per_rad": list(context.stiffness_nm_per_rad),
+                "damping_nms_per_rad": list(context.damping_nms_per_rad),
+                "learning": dataclasses.asdict(context.learning),
+                "seed": context.seed,
+                "urdf": context.urdf,
+            },
+            "state": dict(stored.header),
         },
         sort_keys=True,
     )
 
 
-def _arrays(network: LmsTreeInverseDynamics) -> dict[str, np.ndarray]:
-    arrays: dict[str, np.ndarray] = {
-        "input_low": network.input_range.low,
-        "input_high": network.input_range.high,
-    }
-    for j, tree in enumerate(network.trees):
-        arrays[f"weights_{j}"], arrays[f"parents_{j}"] = tree.weights, tree.parents_array
-    return arrays
+def _arrays(learner: Learner, stored: StoredLearner) -> dict[str, np.ndarray]:
+    input_range = learner.context.input_range
+    arrays = {"input_low": input_range.low, "input_high": input_range.high}
+    return arrays | {f"{_STATE}{name}": array for name, array in stored.arrays.items()}
 
 
-def _restored(stored: np.lib.npyio.NpzFile, path: Path) -> LmsTreeInverseDynamics:
-    header = json.loads(str(stored["header"]))
+def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
+    header = json.loads(str(file["header"]))
     if header["format"] != FORMAT:
         raise NetworkFileError(path, f"has the format {header['format']!r}", repr(FORMAT))
-    joints = tuple(header["joints"])
-    n_inputs = 3 * len(joints)
-    low, high = stored["input_low"], stored["input_high"]
-    network = LmsTreeInverseDynamics(
-        joints, InputRange(low, high), LearningConfig(**header["learning"]), header["seed"]
+    arrays = {name: file[name] for name in file.files if name != "header"}
+    for name, array in arrays.items():
+        if not np.all(np.isfinite(array)):
+            raise NetworkFileError(path, f"{name} holds numbers that are not finite", "finite numbers")
+    described = header["context"]
+    joints = tuple(described["joints"])
+    low, high = arrays.pop("input_low"), arrays.pop("input_high")
+    if low.shape != (3 * len(joints),) or high.shape != low.shape or not np.all(low < high):
+        raise NetworkFileError(
+            path, "input_high is not above input_low", "a range with a width for each input"
+        )
+    stiffness, damping = described["stiffness_nm_per_rad"], described["damping_nms_per_rad"]
+    if not (
+        len(stiffness) == len(damping) == len(joints)
+        and all(0.0 < value < math.inf for value in stiffness)
+        and all(0.0 <= value < math.inf for value in damping)
+    ):
+        found = f"has the springs K = {stiffness}, B = {damping}"
+        raise NetworkFileError(path, found, f"a finite K > 0 and B >= 0 for each of {', '.join(joints)}")
+    context = LearnerContext(
+        joints=joints,
+        stiffness_nm_per_rad=tuple(described["stiffness_nm_per_rad"]),
+        damping_nms_per_rad=tuple(described["damping_nms_per_rad"]),
+        input_range=InputRange(low, high),
+        learning=LearningConfig(**described["learning"]),
+        seed=int(described["seed"]),
+        urdf=described["urdf"],
     )
-    network.trials_learned = int(header["trials_learned"])
-    checked = [("input_low", low, (n_inputs,)), ("input_high", high, (n_inputs,))]
-    for j, tree in enumerate(network.trees):
-        weights, parents = stored[f"weights_{j}"], stored[f"parents_{j}"]
-        for row in parents:
-            leaf = Leaf(*(int(value) for value in row))
-            if not (0 <= leaf.subtree <= tree.n_subtrees and 0 <= leaf.input < n_inputs
-                    and 0 <= leaf.gaussian < tree.n_gaussians):  # fmt: skip
-                raise NetworkFileError(path, f"a subtree hangs under {leaf}", "a leaf of an earlier subtree")
-            tree.grow(leaf)
-        checked.append((f"weights_{j}", weights, tree.weights.shape))
-        tree.weights = weights
-    for name, array, shape in checked:
-        if array.shape != shape or not np.all(np.isfinite(array)):
-            raise NetworkFileError(
-                path, f"{name} has shape {array.shape}", f"finite numbers of shape {shape}"
-            )
-    if not np.all(low < high):
-        raise NetworkFileError(path, "input_high is not above input_low", "ranges with a width")
-    return network
+    state = {name.removeprefix(_STATE): array for name, array in arrays.items()}
+    return learner_kind(header["learner"]).restored(context, StoredLearner(header["state"], state))

@@ -14,13 +14,11 @@ from rosbags.highlevel import AnyReader
 
 from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import BagError
+from tel_ros.core.learning.record import learning_record
 from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, sha256
-
-_LONGEST_STEP_NS = NS_PER_S
-"""Stamps further apart do not belong to one course of time."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,9 @@ class RecordedTrial:
         velocity_rad_s: as measured. Shape (n, n_joints).
         effort_nm: as commanded. Shape (n, n_joints).
         saturated: whether the effort was clipped. Shape (n, n_joints).
+        command_std_rad: standard deviation that the network expected of the error in û, for the ticks of RUN
+            (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
+            nothing, or if the bag does not tell.
     """
 
     bag: Path
@@ -60,6 +61,7 @@ class RecordedTrial:
     velocity_rad_s: FloatArray
     effort_nm: FloatArray
     saturated: BoolArray
+    command_std_rad: FloatArray
 
     @property
     def run(self) -> BoolArray:
@@ -75,26 +77,14 @@ class RecordedTrial:
         return time_s
 
     def signals(self) -> TrialSignals:
-        """Return what the network learns from: the ticks from the start posture on.
-
-        A stop is not RUN, but belongs to the record: one that breaks off in mid-motion would leave the
-        transient of the filter in RUN. So would the step from û to the command of the brake: û stays at its
-        last value, as in HOLD. A stop behind a jump of the stamps is left out.
-        """
-        rows = np.isin(self.phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
-        equilibrium_rad = self.equilibrium_rad.copy()
-        if rows.any():
-            last = int(np.flatnonzero(rows)[-1])
-            step_ns = np.diff(self.time_ns[last:])
-            follows = np.logical_and.accumulate((step_ns > 0) & (step_ns <= _LONGEST_STEP_NS))
-            rows[last + 1 :] = follows & (self.phase[last + 1 :] == Phase.STOP)
-            equilibrium_rad[last + 1 :] = equilibrium_rad[last]
-        return TrialSignals(
-            time_ns=self.time_ns[rows],
-            run=self.run[rows],
-            desired=self.desired[rows],
-            position_rad=self.position_rad[rows],
-            equilibrium_rad=equilibrium_rad[rows],
+        """Return what the network learns from."""
+        return learning_record(
+            time_ns=self.time_ns,
+            phase=self.phase,
+            desired=self.desired,
+            position_rad=self.position_rad,
+            equilibrium_rad=self.equilibrium_rad,
+            saturated=self.saturated,
         )
 
 
@@ -110,7 +100,8 @@ def read_trial(bag: Path) -> RecordedTrial:
     with _opened(bag) as reader:
         states = _messages(reader, bag, topics.CONTROL_STATES)
         results = _messages(reader, bag, topics.TRIAL_RESULT)
-        return _trial(bag, metadata, states, results)
+        goals = _messages(reader, bag, topics.TRIAL_GOAL)
+        return _trial(bag, metadata, states, results, goals)
 
 
 def check_bag(bag: Path) -> None:
@@ -149,9 +140,12 @@ def _check_sums(bag: Path) -> None:
             raise BagError(bag, found, f"the checksum in {CHECKSUMS}")
 
 
-def _trial(bag: Path, metadata: dict[str, str], states: list[Any], results: list[Any]) -> RecordedTrial:
-    if len(results) != 1:
-        raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
+def _trial(
+    bag: Path, metadata: dict[str, str], states: list[Any], results: list[Any], goals: list[Any]
+) -> RecordedTrial:
+    for what, messages in (("results", results), ("goals", goals)):
+        if len(messages) != 1:
+            raise BagError(bag, f"holds {len(messages)} trial {what}", "exactly one")
     result = results[0]
     states = [state for state in states if state.trial == result.index]
     if len(states) < result.ticks or not states:
@@ -170,6 +164,7 @@ def _trial(bag: Path, metadata: dict[str, str], states: list[Any], results: list
     desired = [
         column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
     ]
+    phase = np.array([state.phase for state in states], dtype=np.int64)
     return RecordedTrial(
         bag=bag,
         metadata=metadata,
@@ -181,14 +176,30 @@ def _trial(bag: Path, metadata: dict[str, str], states: list[Any], results: list
         time_ns=np.array(
             [s.header.stamp.sec * NS_PER_S + s.header.stamp.nanosec for s in states], dtype=np.int64
         ),
-        phase=np.array([state.phase for state in states], dtype=np.int64),
+        phase=phase,
         desired=np.hstack(desired),
         equilibrium_rad=column("equilibrium_rad"),
         position_rad=column("position_rad"),
         velocity_rad_s=column("velocity_rad_s"),
         effort_nm=column("effort_nm"),
         saturated=column("saturated").astype(bool),
+        command_std_rad=_command_std(bag, goals[0], int(np.count_nonzero(phase == Phase.RUN))),
     )
+
+
+def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
+    """Return the standard deviation that came with the goal, one row a tick of RUN."""
+    n_joints = len(goal.joint_names)
+    # Bags from before goals had it have no such field.
+    flat = np.asarray(getattr(goal, "std_rad", ()), dtype=np.float64)
+    if flat.size == 0:
+        return np.full((n_run, n_joints), np.inf)
+    if flat.size != len(goal.time_ns) * n_joints:
+        expected = f"nothing, or one value for each of the {len(goal.time_ns)} points and {n_joints} joints"
+        raise BagError(bag, f"its goal holds {flat.size} values in std_rad", expected)
+    rows = np.minimum(np.arange(n_run), len(goal.time_ns) - 1)
+    std: FloatArray = flat.reshape(-1, n_joints)[rows]
+    return std
 
 
 def _metadata(bag: Path) -> dict[str, str]:

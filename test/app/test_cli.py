@@ -33,6 +33,7 @@ def waypoints(tmp_path: Path, text: str) -> str:
         ("arm.urdf=nowhere.urdf", ["nowhere.urdf", "no such file", "arm.urdf"]),
         ("arm.joints=[shoulder, wrist]", ["arm.joints", "wrist", "shoulder, elbow"]),
         ("practice.goal_duration_s=0.5", ["path.name", "planar_loops", "the arm can follow in"]),
+        ("learning.name=lms_tre", ["learning.name", "lms_tre", "rigid_body+lms_tree", "tel_ros.learners"]),
         ("path.name=spiral", ["path.name", "spiral", "planar_loops"]),
         (
             "sim.command_delay_s=0.003",

@@ -36,9 +36,10 @@ def plant() -> TwoLinkArm:
 def recorded() -> Callable[..., TrialSignals]:
     """Return what a bench's trial leaves in a record: ``recorded(bench, encoder_bits=16)``."""
 
-    def record(bench: Bench, encoder_bits: int = 0) -> TrialSignals:
+    def record(bench: Bench, encoder_bits: int = 0, noise_rad: float = 0.0) -> TrialSignals:
         rows = bench.rows(Phase.SETTLE, Phase.RUN, Phase.HOLD)
         position = bench.position_rad[rows]
+        position = position + noise_rad * np.random.default_rng(11).normal(size=position.shape)
         if encoder_bits:
             step = 2 * np.pi / 2**encoder_bits
             position = np.round(position / step) * step
@@ -49,6 +50,7 @@ def recorded() -> Callable[..., TrialSignals]:
             desired=np.hstack([bench.column(name)[rows] for name in names]),
             position_rad=position,
             equilibrium_rad=bench.column("equilibrium_rad")[rows],
+            saturated=bench.column("saturated")[rows],
         )
 
     return record

@@ -34,6 +34,10 @@ class SyntheticTrial:
     """As the result names them; the states have two whatever it says."""
     extra_ticks: int = 5
     """Ticks that are recorded after the end of the trial, when it is no trial's any more."""
+    std_rad: np.ndarray | None = None
+    """What the goal says of the network's error; None: nothing."""
+    n_points: int | None = None
+    """Points of the goal; None: as many as ticks."""
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
@@ -99,16 +103,20 @@ class SyntheticTrial:
         return message("std_msgs/msg/Float64MultiArray", layout=layout, data=self.values["effort_nm"][k])
 
     def _goal(self) -> bytes:
-        values = {name: self.values[f"desired_{name}"].ravel() for name in ("position_rad", "velocity_rad_s")}
+        points = slice(self.n_points)
+        fields = {
+            name: self.values[f"desired_{name}"][points].ravel()
+            for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+        }
         return message(
             "tel_interfaces/msg/TrialGoal",
             trial=self.index,
             alpha=0.5,
             joint_names=list(self.joints),
-            time_ns=self.time_ns - self.time_ns[0],
-            acceleration_rad_s2=self.values["desired_acceleration_rad_s2"].ravel(),
-            equilibrium_rad=self.values["equilibrium_rad"].ravel(),
-            **values,
+            time_ns=(self.time_ns - self.time_ns[0])[points],
+            equilibrium_rad=self.values["equilibrium_rad"][points].ravel(),
+            std_rad=np.zeros(0) if self.std_rad is None else self.std_rad.ravel(),
+            **fields,
         )
 
     def _result(self) -> bytes:

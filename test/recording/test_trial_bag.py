@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 from synthetic_trial import JOINTS, METADATA, SyntheticTrial
 
 from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import BagError
-from tel_ros.core.learning.signals import training_samples
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, TrialBagWriter
 from tel_ros.recording.message_types import typestore
-from tel_ros.recording.trial_bag import RecordedTrial, read_trial
+from tel_ros.recording.shared_files import share_folder
+from tel_ros.recording.trial_bag import read_trial
 
 
 def storage_file(bag: Path) -> Path:
@@ -32,29 +33,10 @@ def edit_metadata(bag: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def swing(end: Phase) -> RecordedTrial:
-    """Return a smooth motion in formulas: two seconds of rest, two of RUN, and one in a last phase."""
-    time_ns = np.arange(0, 5_000_000_000, 2_000_000)
-    t, w = time_ns / 1e9, 2 * np.pi * 0.7
-    q = np.column_stack([0.5 * np.sin(w * t), 0.3 * np.cos(w * t)])
-    phase = np.select([t < 2.0, t <= 4.0], [Phase.SETTLE, Phase.RUN], end)
-    return RecordedTrial(
-        bag=Path("trial_001"),
-        metadata={},
-        joints=JOINTS,
-        index=1,
-        outcome=Outcome.ABORTED if end == Phase.STOP else Outcome.COMPLETED,
-        message="",
-        duration_s=2.0,
-        time_ns=time_ns,
-        phase=phase.astype(np.int64),
-        desired=np.hstack([q, w * q, -(w**2) * q]),
-        equilibrium_rad=q + 0.1 * np.cos(w * t)[:, None],
-        position_rad=q,
-        velocity_rad_s=q,
-        effort_nm=q,
-        saturated=np.zeros(q.shape, dtype=bool),
-    )
+def std_of(trial: SyntheticTrial, n_points: int = 0) -> np.ndarray:
+    """Return standard deviations for the points of a trial's goal, no two of them alike."""
+    n_points = n_points or len(trial.time_ns)
+    return 0.001 * (1.0 + np.arange(2 * n_points).reshape(-1, 2))
 
 
 def test_a_trial_comes_back_bit_by_bit(trial_bag: Path, trial: SyntheticTrial) -> None:
@@ -90,42 +72,71 @@ def test_the_signals_leave_out_the_way_to_the_start(trial_bag: Path, trial: Synt
     np.testing.assert_array_equal(signals.position_rad, trial.values["position_rad"][: trial.n][kept])
     np.testing.assert_array_equal(signals.equilibrium_rad, trial.values["equilibrium_rad"][: trial.n][kept])
     np.testing.assert_array_equal(signals.run, trial.phase[: trial.n][kept] == Phase.RUN)
+    np.testing.assert_array_equal(signals.saturated, trial.saturated[: trial.n][kept])
 
 
-@pytest.mark.parametrize("end", [Phase.HOLD, Phase.STOP], ids=lambda phase: phase.name)
-def test_the_last_ticks_of_run_are_learned_as_well_as_the_others(end: Phase) -> None:
-    """A record that breaks off in mid-motion would leave the transient of its filter there."""
-    trial = swing(end)
-    samples = training_samples(trial.signals(), 15.0)
-    t, w = trial.time_ns[trial.run] / 1e9, 2 * np.pi * 0.7
-    expected = -0.5 * w**2 * np.sin(w * (t + 0.001))
-    # Accelerations are up to 9.7 rad/s²; a twentieth of that is a hundred times what is usual in mid-record.
-    np.testing.assert_allclose(samples.actual[-30:, 4], expected[-30:], atol=0.5)
+def test_the_networks_std_comes_back_for_the_ticks_of_run(tmp_path: Path, trial: SyntheticTrial) -> None:
+    trial.std_rad = std_of(trial)
+    trial.std_rad[5] = np.inf, 0.5
+    found = read_trial(trial.write(tmp_path / "bag"))
+    n_run = np.count_nonzero(trial.phase[: trial.n] == Phase.RUN)
+    assert n_run > 5
+    np.testing.assert_array_equal(found.command_std_rad, trial.std_rad[:n_run])
 
 
-def test_the_command_of_the_brake_does_not_reach_into_what_is_learned() -> None:
-    trial = swing(Phase.STOP)
-    braked = trial.equilibrium_rad - 0.5 * (trial.phase == Phase.STOP)[:, None]
-    samples = training_samples(dataclasses.replace(trial, equilibrium_rad=braked).signals(), 15.0)
-    expected = (trial.equilibrium_rad - trial.position_rad)[trial.run]
-    # A hundredth of a radian is what the filter makes of û coming to a sudden rest.
-    np.testing.assert_allclose(samples.offset_rad[-30:], expected[-30:], atol=0.01)
+def test_beyond_the_trajectory_its_last_std_holds(tmp_path: Path, trial: SyntheticTrial) -> None:
+    trial.n_points = 4
+    trial.std_rad = std_of(trial, 4)
+    found = read_trial(trial.write(tmp_path / "bag")).command_std_rad
+    np.testing.assert_array_equal(found[:4], trial.std_rad)
+    assert len(found) > 4
+    np.testing.assert_array_equal(found[4:], np.broadcast_to(trial.std_rad[3], found[4:].shape))
 
 
-@pytest.mark.parametrize("jump_ns", [-10_000_000, -5_000_000_000, 1_700_000_000_000_000_000])
-def test_a_stop_behind_a_jump_in_time_is_no_part_of_the_record(jump_ns: int) -> None:
-    """The clock of an arm that was started anew would stretch the record to years."""
-    trial = swing(Phase.STOP)
-    stop = trial.phase == Phase.STOP
-    jumped = dataclasses.replace(trial, time_ns=trial.time_ns + jump_ns * stop)
-    np.testing.assert_array_equal(jumped.signals().time_ns, trial.time_ns[~stop])
-    assert trial.signals().time_ns.tolist() == trial.time_ns.tolist()
+def test_without_a_std_nothing_is_known(trial_bag: Path, trial: SyntheticTrial) -> None:
+    n_run = np.count_nonzero(trial.phase[: trial.n] == Phase.RUN)
+    np.testing.assert_array_equal(read_trial(trial_bag).command_std_rad, np.full((n_run, 2), np.inf))
 
 
-def test_a_trial_that_never_left_the_approach_has_nothing_to_learn_from() -> None:
-    trial = swing(Phase.STOP)
-    phase = np.where(trial.phase == Phase.STOP, Phase.STOP, Phase.APPROACH)
-    assert len(dataclasses.replace(trial, phase=phase).signals().time_ns) == 0
+def test_a_bag_from_before_goals_had_a_std_is_read(
+    tmp_path: Path, trial: SyntheticTrial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag carries the definitions of its messages: its goal has no such field."""
+    kind = topics.RECORDED_ONCE[topics.TRIAL_GOAL]
+    older = types_without_std()
+    monkeypatch.setattr("tel_ros.recording.bag_writer.typestore", lambda: older)
+    with TrialBagWriter(tmp_path / "bag", {}) as writer:
+        for topic, time_ns, data in trial.messages():
+            if topic == topics.TRIAL_GOAL:
+                goal = vars(typestore().deserialize_cdr(data, kind))
+                fields = {
+                    name: value for name, value in goal.items() if name not in ("std_rad", "__msgtype__")
+                }
+                data = bytes(older.serialize_cdr(older.types[kind](**fields), kind))
+            writer.write(topic, time_ns, data)
+    std_rad = read_trial(tmp_path / "bag").command_std_rad
+    assert len(std_rad) > 0
+    assert np.isposinf(std_rad).all()
+
+
+def types_without_std() -> Typestore:
+    """Return the types of bags as they were when a goal had no ``std_rad``."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for file in (share_folder("tel_interfaces") / "msg").glob("*.msg"):
+        lines = [line for line in file.read_text(encoding="utf-8").splitlines() if "std_rad" not in line]
+        store.register(get_types_from_msg("\n".join(lines), f"tel_interfaces/msg/{file.stem}"))
+    return store
+
+
+@pytest.mark.parametrize("n", [1, 249, 251, 500])
+def test_a_std_of_another_length_is_refused(tmp_path: Path, trial: SyntheticTrial, n: int) -> None:
+    trial.std_rad = np.full(n, 0.01)
+    said = (
+        f"bag: its goal holds {n} values in std_rad; expected nothing, or one value for each of the 125 "
+        "points and 2 joints"
+    )
+    with pytest.raises(BagError, match=said):
+        read_trial(trial.write(tmp_path / "bag"))
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
@@ -248,6 +259,29 @@ def test_fewer_control_states_than_ticks_are_refused(tmp_path: Path, trial: Synt
 def test_a_bag_without_a_result_is_refused(tmp_path: Path, trial: SyntheticTrial) -> None:
     bag = trial.write(tmp_path / "bag", without=topics.TRIAL_RESULT)
     with pytest.raises(BagError, match="bag: holds 0 trial results; expected exactly one"):
+        read_trial(bag)
+
+
+def test_a_bag_without_a_goal_is_refused(tmp_path: Path, trial: SyntheticTrial) -> None:
+    bag = trial.write(tmp_path / "bag", without=topics.TRIAL_GOAL)
+    with pytest.raises(BagError, match="bag: holds 0 trial goals; expected exactly one"):
+        read_trial(bag)
+
+
+@pytest.mark.parametrize(
+    ("topic", "what"),
+    [(topics.TRIAL_GOAL, "goals"), (topics.TRIAL_RESULT, "results")],
+    ids=["goal", "result"],
+)
+def test_a_bag_with_two_of_what_there_is_one_of_is_refused(
+    tmp_path: Path, trial: SyntheticTrial, topic: str, what: str
+) -> None:
+    bag = tmp_path / "bag"
+    with TrialBagWriter(bag, {}) as writer:
+        for message in trial.messages():
+            for _ in range(2 if message[0] == topic else 1):
+                writer.write(*message)
+    with pytest.raises(BagError, match=f"bag: holds 2 trial {what}; expected exactly one"):
         read_trial(bag)
 
 

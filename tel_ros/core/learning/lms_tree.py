@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tel_ros.core.learning import tree_kernels
 from tel_ros.core.types import FloatArray, IntArray
-
-_TINY = 1e-9
 
 
 @dataclass(frozen=True)
@@ -34,16 +33,17 @@ class LmsTree:
 
     Args:
         n_inputs: D.
-        n_gaussians: n, evenly spaced centres c_i from 0 to 1 for each input.
+        n_gaussians: G, evenly spaced centres c_i from 0 to 1 for each input.
         width: σ in units of the spacing (ours: 1 lets neighbours overlap by 0.61 of their peak).
+        normalised: divide the Gaussians of each input by their sum, so that they add up to 1 everywhere.
     """
 
-    def __init__(self, n_inputs: int, n_gaussians: int, width: float) -> None:
+    def __init__(self, n_inputs: int, n_gaussians: int, width: float, *, normalised: bool = False) -> None:
         self.n_inputs, self.n_gaussians, self.width = n_inputs, n_gaussians, width
+        self.normalised = normalised
         self.weights: FloatArray = np.zeros((1, n_inputs, n_gaussians))
         self.parents: list[Leaf] = []
         """The leaf that each subtree hangs under; subtree k is ``parents[k - 1]``."""
-        self._centres = np.linspace(0.0, 1.0, n_gaussians)
         self._sigma = width / (n_gaussians - 1)
 
     @property
@@ -51,19 +51,24 @@ class LmsTree:
         """Subtrees grown so far, the root not counted."""
         return len(self.parents)
 
+    @property
+    def parents_array(self) -> IntArray:
+        """The parents as (subtree, input, gaussian). Shape (n_subtrees, 3)."""
+        return np.array([(p.subtree, p.input, p.gaussian) for p in self.parents], dtype=np.int64).reshape(
+            -1, 3
+        )
+
     def features(self, inputs: FloatArray) -> FloatArray:
-        """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * n_gaussians) for inputs of shape (n, D)."""
-        distance = (inputs[:, :, None] - self._centres) / self._sigma
-        phi = np.exp(-0.5 * distance * distance)
-        gates = np.ones((1 + self.n_subtrees, len(inputs)))
-        for k, leaf in enumerate(self.parents, start=1):
-            gates[k] = gates[leaf.subtree] * phi[:, leaf.input, leaf.gaussian]
-        psi = gates.T[:, :, None, None] * phi[:, None, :, :]
-        return psi.reshape(len(inputs), -1)
+        """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * G) for inputs of shape (n, D)."""
+        return tree_kernels.features(
+            np.ascontiguousarray(inputs), self.parents_array, self.n_gaussians, self._sigma, self.normalised
+        )
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return N(x). Input shape (n, D) in 0 … 1, output shape (n,)."""
-        return self.features(inputs) @ self.weights.ravel()
+        return tree_kernels.predict(
+            np.ascontiguousarray(inputs), self.parents_array, self.weights, self._sigma, self.normalised
+        )
 
     def grow(self, leaf: Leaf) -> None:
         """Hang a new subtree with zero weights under a leaf; the output does not change."""
@@ -85,34 +90,30 @@ class LmsTree:
         k, d, i = np.unravel_index(int(np.argmax(variance)), variance.shape)
         return Leaf(int(k), int(d), int(i))
 
-    def learn(self, inputs: FloatArray, target: FloatArray, rate: float) -> FloatArray:
+    def learn(
+        self, inputs: FloatArray, target: FloatArray, rate: float, order: IntArray | None = None
+    ) -> FloatArray:
         """Go once through samples with the normalised LMS rule Δw = γ e ψ / (ε + |ψ|²), e = target - N(x).
 
         Args:
-            inputs: in the order in which to learn. Shape (n, D) in 0 … 1.
+            inputs: shape (n, D) in 0 … 1.
             target: shape (n,).
             rate: γ, 0 < γ <= 1.
+            order: rows in the order in which to learn; None: as they come.
 
         Returns:
             Variance of each weight's changes over the samples. Shape of ``weights``.
         """
-        psi = self.features(inputs)
-        gain = rate / (_TINY + np.einsum("ij,ij->i", psi, psi))
-        weights = self.weights.ravel().copy()
-        total, squares = np.zeros_like(weights), np.zeros_like(weights)
-        for psi_k, gain_k, target_k in zip(psi, gain, target, strict=True):
-            change = (gain_k * (target_k - psi_k @ weights)) * psi_k
-            weights += change
-            total += change
-            squares += change * change
-        self.weights = weights.reshape(self.weights.shape)
-        n = max(len(target), 1)
-        variance: FloatArray = squares / n - (total / n) ** 2
-        return variance.reshape(self.weights.shape)
-
-    @property
-    def parents_array(self) -> IntArray:
-        """The parents as (subtree, input, gaussian). Shape (n_subtrees, 3)."""
-        return np.array([(p.subtree, p.input, p.gaussian) for p in self.parents], dtype=np.int64).reshape(
-            -1, 3
+        weights = self.weights.copy()
+        variance = tree_kernels.lms_pass(
+            np.ascontiguousarray(inputs),
+            np.ascontiguousarray(target),
+            np.arange(len(inputs)) if order is None else order,
+            self.parents_array,
+            weights,
+            self._sigma,
+            self.normalised,
+            rate,
         )
+        self.weights = weights
+        return variance

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.ndimage import maximum_filter1d
 
+from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.learning.noise import (
+    choose_cutoff_hz,
+    derivative_noise,
+    derivatives,
+    filters,
+    low_pass,
+    sensor_noise,
+)
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
-_FILTER_ORDER = 4
 _SHORTEST_RECORD = 50
+
+_MEMORY_PERIODS = 0.5
+"""How far on either side the filter spreads what happens at one tick, in periods of its cutoff."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +37,7 @@ class TrialSignals:
         desired: y as positions, velocities, accelerations at the ticks. Shape (n, 3 * n_joints).
         position_rad: ŷ as measured. Shape (n, n_joints).
         equilibrium_rad: û as sent. Shape (n, n_joints).
+        saturated: where the effort was clipped, so that û did not act. Shape (n, n_joints).
     """
 
     time_ns: IntArray
@@ -32,6 +45,7 @@ class TrialSignals:
     desired: FloatArray
     position_rad: FloatArray
     equilibrium_rad: FloatArray
+    saturated: BoolArray
 
 
 @dataclass(frozen=True)
@@ -42,14 +56,33 @@ class TrainingSamples:
         actual: ŷ as inputs of the network. Shape (n, 3 * n_joints).
         desired: y at the same moments. Shape (n, 3 * n_joints).
         offset_rad: û - q̂, what N(ŷ) should have been. Shape (n, n_joints).
+        input_noise: standard deviation of the noise that is left in each column of ``actual``.
+            Shape (3 * n_joints,); empty if not known.
+        period_s: from sample to sample (where none is left out); 0 if not known.
+        bandwidth_hz: what lies above has been filtered away, so that neighbours closer than about
+            1 / (5 * bandwidth_hz) tell nothing new; half of the sampling rate if nothing was filtered, inf if
+            not known.
     """
 
     actual: FloatArray
     desired: FloatArray
     offset_rad: FloatArray
+    input_noise: FloatArray = field(default_factory=lambda: np.empty(0))
+    period_s: float = 0.0
+    bandwidth_hz: float = math.inf
 
 
-def training_samples(trial: TrialSignals, cutoff_hz: float) -> TrainingSamples:
+def configured_samples(trial: TrialSignals, learning: LearningConfig) -> TrainingSamples:
+    """Filter and differentiate a recorded trial as a configuration asks for; see :func:`training_samples`."""
+    cutoff_hz = learning.filter_cutoff_hz
+    if learning.filter == "fixed":
+        return training_samples(trial, cutoff_hz)
+    return training_samples(trial, None, most_hz=cutoff_hz or math.inf)
+
+
+def training_samples(
+    trial: TrialSignals, cutoff_hz: float | None, *, most_hz: float = math.inf
+) -> TrainingSamples:
     """Filter and differentiate a recorded trial.
 
     Positions and commands go through the same zero-phase low-pass (Butterworth of order 4, forwards and
@@ -58,12 +91,23 @@ def training_samples(trial: TrialSignals, cutoff_hz: float) -> TrainingSamples:
     of tick k acts from tick k to k + 1: it is paired with the position and velocity at k and with the mean
     acceleration of that interval.
 
+    Where the effort of any joint was clipped, the command did not act. Those ticks are left out, and so are
+    the neighbours that filter and differences mix with them: half a period of the cutoff on either side, at
+    least one tick.
+
     Args:
         trial: the record.
         cutoff_hz: -3 dB of one pass; 0 or anything from half of the sampling rate up switches the filter off.
+            None: chosen from the positions of this trial's RUN, see :func:`~.noise.choose_cutoff_hz`.
+        most_hz: limit of a cutoff that is chosen. What a joint does at higher frequencies (sticking and
+            slipping, say) can be far above its noise without telling anything about inertia.
+
+    Returns:
+        One pair for each tick of RUN that is not left out.
 
     Raises:
-        TrainingError: fewer than 50 ticks of RUN, or a value that is not finite.
+        TrainingError: fewer than 50 ticks of RUN, fewer than 50 that are not left out, or a value that is not
+            finite.
     """
     n_run = int(np.count_nonzero(trial.run))
     if n_run < _SHORTEST_RECORD:
@@ -75,22 +119,67 @@ def training_samples(trial: TrialSignals, cutoff_hz: float) -> TrainingSamples:
     time_s = np.arange(round((trial.time_ns[-1] - trial.time_ns[0]) / NS_PER_S / period_s) + 1) * period_s
     record_s = (trial.time_ns - trial.time_ns[0]) / NS_PER_S
 
-    def smooth(values: FloatArray) -> FloatArray:
-        even = np.column_stack([np.interp(time_s, record_s, column) for column in values.T])
-        if 0.0 < cutoff_hz < 0.5 / period_s:
-            sos = butter(_FILTER_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
-            even = sosfiltfilt(sos, even, axis=0)
-        return even
-
-    position = smooth(trial.position_rad)
-    velocity = np.gradient(position, period_s, axis=0)
-    acceleration = np.diff(velocity, axis=0, append=velocity[-1:]) / period_s
-    offset = smooth(trial.equilibrium_rad) - position
-    actual = stack_inputs(position, velocity, acceleration)
+    def even(values: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(time_s, record_s, column) for column in values.T])
 
     # Back from the even grid to the ticks that were recorded in RUN.
     rows = np.clip(np.round(record_s[trial.run] / period_s).astype(np.int64), 0, len(time_s) - 1)
+    measured = even(trial.position_rad)
+    # RUN alone tells the noise: at rest an encoder's hides in one step.
+    moving = measured[rows[0] : rows[-1] + 1]
+    if cutoff_hz is None:
+        cutoff_hz = min(choose_cutoff_hz(moving, period_s), most_hz)
+    kept = _untouched_by_saturation(trial, cutoff_hz, period_s)
+
+    position = low_pass(measured, cutoff_hz, period_s)
+    velocity, acceleration = derivatives(position, period_s)
+    offset = low_pass(even(_acting_equilibrium(trial)), cutoff_hz, period_s) - position
+    actual = stack_inputs(position, velocity, acceleration)
+    noise = derivative_noise(cutoff_hz, period_s)[:, None] * sensor_noise(moving, period_s)
+
     desired = trial.desired[trial.run].copy()
     desired_acceleration = desired[:, -position.shape[1] :]
     desired_acceleration[:-1] = 0.5 * (desired_acceleration[:-1] + desired_acceleration[1:])
-    return TrainingSamples(actual=actual[rows], desired=desired, offset_rad=offset[rows])
+    return TrainingSamples(
+        actual=actual[rows[kept]],
+        desired=desired[kept],
+        offset_rad=offset[rows[kept]],
+        input_noise=noise.ravel(),
+        period_s=period_s,
+        bandwidth_hz=cutoff_hz if filters(cutoff_hz, period_s) else 0.5 / period_s,
+    )
+
+
+def _untouched_by_saturation(trial: TrialSignals, cutoff_hz: float, period_s: float) -> BoolArray:
+    """Return which ticks of RUN to keep. Shape (number of ticks of RUN,).
+
+    Raises:
+        TrainingError: fewer than 50.
+    """
+    clipped: BoolArray = np.any(trial.saturated, axis=1)
+    memory_s = _MEMORY_PERIODS / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
+    reach = max(1, math.ceil(memory_s / period_s))
+    touched = maximum_filter1d(clipped.astype(np.uint8), 2 * reach + 1, mode="constant") > 0
+    kept: BoolArray = ~touched[trial.run]
+    n_kept, n_clipped = np.count_nonzero(kept), np.count_nonzero(clipped & trial.run)
+    if n_kept < _SHORTEST_RECORD:
+        raise TrainingError(
+            f"the effort was clipped in {n_clipped} of the {len(kept)} ticks of RUN, which leaves {n_kept} "
+            f"to learn from; expected at least {_SHORTEST_RECORD}. Move slower, or raise the effort limit."
+        )
+    return kept
+
+
+def _acting_equilibrium(trial: TrialSignals) -> FloatArray:
+    """Return û with what a clipped effort stood for in place of what was sent. Shape (n, n_joints).
+
+    The filter would carry the command that did not act far into the ticks on either side. At both ends of a
+    clipped stretch the limit just allows û - q, so between them a straight line is near to what acted.
+    """
+    offset = trial.equilibrium_rad - trial.position_rad
+    for column, clipped in zip(offset.T, trial.saturated.T, strict=True):
+        if clipped.any() and not clipped.all():
+            ticks = np.arange(len(clipped))
+            column[clipped] = np.interp(ticks[clipped], ticks[~clipped], column[~clipped])
+    equilibrium: FloatArray = np.where(trial.saturated, trial.position_rad + offset, trial.equilibrium_rad)
+    return equilibrium

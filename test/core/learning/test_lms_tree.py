@@ -106,6 +106,61 @@ def test_samples_are_learned_one_after_the_other() -> None:
     np.testing.assert_allclose(together.weights, apart.weights, atol=1e-12)  # sums in another order
 
 
+def test_samples_are_learned_in_the_order_that_is_asked_for() -> None:
+    ordered, shuffled, x = grown_tree(), grown_tree(), inputs(30)
+    target, order = np.sin(5.0 * x.sum(axis=1)), np.random.default_rng(3).permutation(30)
+    variance = ordered.learn(x, target, 0.5, order)
+    np.testing.assert_array_equal(variance, shuffled.learn(x[order], target[order], 0.5))
+    np.testing.assert_array_equal(ordered.weights, shuffled.weights)
+
+
+def test_what_is_learned_leaves_weights_alone_that_somebody_has_kept() -> None:
+    tree = grown_tree()
+    kept = tree.weights
+    before = kept.copy()
+    tree.learn(inputs(10), np.ones(10), 0.5)
+    np.testing.assert_array_equal(kept, before)
+    assert not np.array_equal(tree.weights, before)
+
+
+def test_the_memory_layout_of_the_inputs_does_not_matter() -> None:
+    tree, x = grown_tree(), inputs(20)
+    for laid_out in (np.asfortranarray(x), np.repeat(x, 2, axis=0)[::2]):
+        np.testing.assert_array_equal(tree.predict(laid_out), tree.predict(x))
+        np.testing.assert_array_equal(tree.features(laid_out), tree.features(x))
+
+
+def test_normalised_gaussians_of_one_input_add_up_to_one_behind_their_gate() -> None:
+    tree = LmsTree(N_INPUTS, N_GAUSSIANS, WIDTH, normalised=True)
+    for leaf in LEAVES:
+        tree.grow(leaf)
+    x = inputs(4)
+    psi = tree.features(x).reshape(4, 5, N_INPUTS, N_GAUSSIANS)
+
+    def share(row: np.ndarray, leaf: Leaf) -> float:
+        return phi(row, leaf) / sum(phi(row, Leaf(0, leaf.input, i)) for i in range(N_GAUSSIANS))
+
+    for n, k in np.ndindex(4, 5):
+        gate_k = 1.0
+        subtree = k
+        while subtree:
+            leaf = LEAVES[subtree - 1]
+            gate_k, subtree = gate_k * share(x[n], leaf), leaf.subtree
+        np.testing.assert_allclose(psi[n, k].sum(axis=1), gate_k, rtol=1e-12)
+        for d, i in np.ndindex(N_INPUTS, N_GAUSSIANS):
+            assert psi[n, k, d, i] == pytest.approx(gate_k * share(x[n], Leaf(k, d, i)), rel=1e-12)
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_the_output_is_the_features_times_the_weights(normalised: bool) -> None:
+    tree = LmsTree(N_INPUTS, N_GAUSSIANS, WIDTH, normalised=normalised)
+    for leaf in LEAVES:
+        tree.grow(leaf)
+    tree.weights = np.random.default_rng(0).normal(size=tree.weights.shape)
+    x = inputs(20)
+    np.testing.assert_allclose(tree.predict(x), tree.features(x) @ tree.weights.ravel(), atol=1e-12)
+
+
 def test_learning_again_and_again_approaches_a_function_that_the_tree_can_represent() -> None:
     truth, tree, x = grown_tree(seed=0), grown_tree(seed=None), inputs(100)
     target = truth.predict(x)

@@ -1,0 +1,423 @@
+"""Movements of three arms with the torques that they took: what learners of inverse dynamics are compared on.
+
+Made anew each time, bit for bit the same: nothing is downloaded. ``planar practice`` needs PyBullet,
+``seven joints`` needs pinocchio and the robot descriptions that come with PyBullet.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Self
+
+import numpy as np
+
+from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.trajectories.paths import Derivatives, Path, waypoint_path
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.types import FloatArray
+
+ROOT = FilePath(__file__).parents[1]
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One movement from rest to rest.
+
+    Args:
+        name: for records and messages.
+        inputs: q, q̇, q̈ in rad, rad/s, rad/s². Shape (n, 3 * n_joints).
+        torque_nm: what the motors did at these moments. Shape (n, n_joints).
+        rate_hz: samples a second.
+        input_noise: standard deviation of the noise in each column of ``inputs``. Shape (3 * n_joints,).
+        bandwidth_hz: what lies above has been filtered away; half of the rate if nothing was filtered.
+    """
+
+    name: str
+    inputs: FloatArray
+    torque_nm: FloatArray
+    rate_hz: float
+    input_noise: FloatArray
+    bandwidth_hz: float
+
+    @classmethod
+    def exact(cls, name: str, inputs: FloatArray, torque_nm: FloatArray, rate_hz: float) -> Self:
+        """Return a movement without noise or filters."""
+        return cls(name, inputs, torque_nm, rate_hz, np.zeros(inputs.shape[1]), 0.5 * rate_hz)
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Trials of one arm.
+
+    Args:
+        name: of the set.
+        about: in one sentence.
+        joints: names, in the order of all arrays.
+        training: trials to learn from, in the order in which they were made.
+        held_out: trials to predict.
+        urdf: text of a URDF whose kinematics are right and whose inertias are wrong.
+        stiffness_nm_per_rad: K of the EP control law; 1 where torque itself is to be learned.
+        damping_nms_per_rad: B of the EP control law; 0 where torque itself is to be learned.
+    """
+
+    name: str
+    about: str
+    joints: tuple[str, ...]
+    training: tuple[Trial, ...]
+    held_out: tuple[Trial, ...]
+    urdf: str
+    stiffness_nm_per_rad: tuple[float, ...]
+    damping_nms_per_rad: tuple[float, ...]
+
+
+def all_data_sets() -> list[DataSet]:
+    """Return the three sets."""
+    return [planar_practice(), letters(), seven_joints()]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoLinkArm:
+    """A two-joint arm with vertical axes, in formulas: M(q) q̈ + h(q, q̇) + b q̇ = τ.
+
+    Args:
+        length_m: of the links; each has its centre of mass in its middle.
+        mass_kg: of the links.
+        inertia_kgm2: of the links about their centres of mass.
+        viscous_nms_per_rad: b of the joints.
+    """
+
+    length_m: tuple[float, float]
+    mass_kg: tuple[float, float]
+    inertia_kgm2: tuple[float, float]
+    viscous_nms_per_rad: tuple[float, float]
+
+    def torque_nm(self, inputs: FloatArray, inertia_scale: float = 1.0) -> FloatArray:
+        """Return τ for inputs of shape (n, 6), all inertias multiplied by a factor. Shape (n, 2)."""
+        (l1, l2), (m1, m2), (i1, i2) = self.length_m, self.mass_kg, self.inertia_kgm2
+        _, q2, v1, v2, a1, a2 = inputs.T
+        coupling = 0.5 * m2 * l1 * l2
+        c, s = coupling * np.cos(q2), coupling * np.sin(q2)
+        elbow = i2 + 0.25 * m2 * l2**2
+        carried = i1 + 0.25 * m1 * l1**2 + m2 * l1**2
+        at_shoulder = (carried + elbow + 2.0 * c) * a1 + (elbow + c) * a2 - s * (2.0 * v1 * v2 + v2**2)
+        at_elbow = (elbow + c) * a1 + elbow * a2 + s * v1**2
+        friction = inputs[:, 2:4] * self.viscous_nms_per_rad
+        return inertia_scale * np.column_stack([at_shoulder, at_elbow]) + friction
+
+    def urdf(self) -> str:
+        """Return its description, with the right inertias."""
+        robot = ElementTree.Element("robot", name="two_link")
+        ElementTree.SubElement(robot, "link", name="base")
+        parent, at_m = "base", 0.0
+        for i, joint in enumerate(("shoulder", "elbow")):
+            link = f"link_{i + 1}"
+            _add_joint(robot, joint, "revolute", parent, link, at_m)
+            inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=link), "inertial")
+            ElementTree.SubElement(inertial, "origin", xyz=f"{0.5 * self.length_m[i]} 0 0")
+            ElementTree.SubElement(inertial, "mass", value=str(self.mass_kg[i]))
+            moment = str(self.inertia_kgm2[i])
+            moments = {"ixx": moment, "iyy": moment, "izz": moment}
+            ElementTree.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **moments)
+            parent, at_m = link, self.length_m[i]
+        _add_joint(robot, "hand_mount", "fixed", parent, "hand", at_m)
+        ElementTree.SubElement(robot, "link", name="hand")
+        return ElementTree.tostring(robot, encoding="unicode")
+
+    def joint_motion(self, hand: Derivatives) -> FloatArray:
+        """Return the joints' motion for a motion of the hand in the plane, the elbow bent to the left.
+
+        Args:
+            hand: position [m], velocity [m/s], acceleration [m/s²] of the hand, each of shape (n, 2).
+
+        Returns:
+            q, q̇, q̈. Shape (n, 6).
+        """
+        (l1, l2), (p, v, a) = self.length_m, hand
+        q2 = np.arccos((np.sum(p**2, axis=1) - l1**2 - l2**2) / (2.0 * l1 * l2))
+        q1 = np.arctan2(p[:, 1], p[:, 0]) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
+        upper = l1 * np.column_stack([np.cos(q1), np.sin(q1)])
+        fore = l2 * np.column_stack([np.cos(q1 + q2), np.sin(q1 + q2)])
+
+        def turned(vectors: FloatArray) -> FloatArray:
+            return np.column_stack([-vectors[:, 1], vectors[:, 0]])
+
+        # The hand's velocity is J q̇; its acceleration J q̈ less what points to the shoulder and the elbow.
+        jacobian = np.stack([turned(upper + fore), turned(fore)], axis=2)
+        dq = np.linalg.solve(jacobian, v[:, :, None])[:, :, 0]
+        inwards = upper * dq[:, :1] ** 2 + fore * np.sum(dq, axis=1, keepdims=True) ** 2
+        ddq = np.linalg.solve(jacobian, (a + inwards)[:, :, None])[:, :, 0]
+        return stack_inputs(np.column_stack([q1, q2]), dq, ddq)
+
+
+DEFAULT_ARM = TwoLinkArm(
+    length_m=(0.33, 0.33), mass_kg=(2.0, 1.2), inertia_kgm2=(0.05, 0.02), viscous_nms_per_rad=(0.05, 0.05)
+)
+"""The arm of ``sim_bridge/urdf/planar_arm.urdf``."""
+
+WRITING_ARM = TwoLinkArm(
+    length_m=(0.30, 0.25), mass_kg=(1.4, 1.0), inertia_kgm2=(0.02, 0.012), viscous_nms_per_rad=(0.08, 0.05)
+)
+
+PRACTICE_S = tuple(float(duration_s) for duration_s in np.linspace(11.5, 4.5, 15))
+
+
+def planar_practice(
+    durations_s: Sequence[float] = PRACTICE_S,
+    held_out_s: Sequence[float] = (8.0, 4.5),
+    other_paths_s: Sequence[float] = (6.0, 5.0),
+) -> DataSet:
+    """Return the trials of the paper's protocol as the default arm records them.
+
+    They are simulated with encoders, filtered and differentiated as in practice. The commands come from no
+    learner, but from the arm's formula with inertias a tenth too small: about as good as after some practice.
+    As in practice torque follows from the command by the EP law. The velocity that the drive gives this law
+    is about 2 ms late, so the torque is that of an arm with slightly less inertia.
+
+    Args:
+        durations_s: of the trials on the practised path, in this order.
+        held_out_s: those of them that are not for training: one between the others, and the fastest.
+        other_paths_s: durations of trials on other closed paths in the same region; all are held out.
+    """
+    from sim_bridge.offline import OfflineArm
+    from tel_ros.core.control.records import Outcome, TrialGoal
+    from tel_ros.core.learning.inputs import query_inputs
+    from tel_ros.core.learning.signals import training_samples
+    from tel_ros.recording.config_file import load_config
+    from tel_ros.recording.waypoint_file import load_path
+
+    config = load_config(ROOT / "config" / "paper.yaml", [])
+    rate_hz, cutoff_hz = config.control.rate_hz, config.learning.filter_cutoff_hz
+    stiffness, damping = np.array(config.arm.stiffness_nm_per_rad), np.array(config.arm.damping_nms_per_rad)
+    practised = load_path(config.path, config.arm)
+    rng = np.random.default_rng(1)
+    middle_rad = np.array([0.6, 1.05])
+    others = [sine_path(f"other path {i + 1}", middle_rad, rng) for i in range(len(other_paths_s))]
+    plan = [(practised, t) for t in durations_s] + list(zip(others, other_paths_s, strict=True))
+    training, held_out = [], []
+    with OfflineArm(config) as arm:
+        for index, (path, duration_s) in enumerate(plan, start=1):
+            desired = sample(path, duration_s, rate_hz)
+            inputs = query_inputs(desired, 1.0 / rate_hz)
+            torque_nm = DEFAULT_ARM.torque_nm(inputs, inertia_scale=0.9)
+            offset_rad = (torque_nm + damping * inputs[:, 2:4]) / stiffness
+            recorded = arm.run_trial(TrialGoal(index, 1.0, desired, desired.position_rad + offset_rad))
+            if recorded.report.outcome != Outcome.COMPLETED:
+                raise RuntimeError(f"{path.name} in {duration_s} s: {recorded.report}")
+            samples = training_samples(recorded.signals, cutoff_hz)
+            trial = Trial(
+                name=f"{path.name}, {duration_s:g} s",
+                inputs=samples.actual,
+                # The EP law with the velocity as filtered, so that nothing but K and B lies between the two.
+                torque_nm=stiffness * samples.offset_rad - damping * samples.actual[:, 2:4],
+                rate_hz=rate_hz,
+                input_noise=samples.input_noise,
+                bandwidth_hz=samples.bandwidth_hz,
+            )
+            is_held_out = path is not practised or duration_s in held_out_s
+            (held_out if is_held_out else training).append(trial)
+    return DataSet(
+        name="planar practice",
+        about=f"recorded trials of the default arm at {rate_hz:g} Hz, filtered; unseen: two of its "
+        "speeds (one faster than all others) and two other paths",
+        joints=config.arm.joints,
+        training=tuple(training),
+        held_out=tuple(held_out),
+        urdf=with_wrong_inertias(FilePath(config.arm.urdf).read_text(encoding="utf-8")),
+        stiffness_nm_per_rad=config.arm.stiffness_nm_per_rad,
+        damping_nms_per_rad=config.arm.damping_nms_per_rad,
+    )
+
+
+# Points that a pen goes through, without being lifted. A letter is 1 wide and, from its foot to its head, 1
+# high; stems go up to 1.6 and tails down to -0.6.
+STROKES = {
+    "a": "0.9,0.8 0.5,1 0.1,0.7 0.1,0.2 0.5,0 0.85,0.4 0.95,0.95 0.9,0.3 1.1,0",
+    "b": "0.1,1.6 0.1,0.8 0.1,0.05 0.5,0 0.9,0.4 0.7,0.9 0.2,0.8",
+    "c": "0.95,0.8 0.6,1 0.15,0.8 0,0.4 0.25,0.05 0.7,0 1,0.25",
+    "d": "0.8,0.9 0.4,1 0.05,0.6 0.2,0.1 0.7,0.1 0.95,0.7 1,1.6 0.95,0.7 1.05,0",
+    "e": "0.1,0.5 0.6,0.55 0.95,0.75 0.6,1 0.15,0.8 0.05,0.35 0.4,0 0.95,0.2",
+    "g": "0.9,0.9 0.4,1 0.1,0.6 0.4,0.2 0.85,0.5 0.95,0.9 0.9,0 0.6,-0.55 0.1,-0.4",
+    "h": "0.1,1.6 0.1,0.8 0.1,0 0.2,0.7 0.6,1 0.9,0.7 0.9,0",
+    "k": "0.1,1.6 0.1,0.8 0.1,0 0.2,0.5 0.8,1 0.35,0.55 0.95,0",
+    "l": "0.2,0.2 0.6,0.8 0.7,1.5 0.4,1.5 0.3,0.7 0.4,0.1 0.8,0.1",
+    "m": "0,0.9 0.05,0 0.15,0.8 0.4,0.95 0.5,0.1 0.6,0.8 0.9,0.95 1,0.4 1.05,0",
+    "n": "0.1,1 0.1,0.5 0.1,0 0.25,0.7 0.6,1 0.9,0.7 0.95,0",
+    "o": "0.5,1 0.1,0.75 0.1,0.2 0.5,0 0.9,0.25 0.9,0.75 0.5,1",
+    "p": "0.1,0.9 0.1,0.2 0.1,-0.6 0.1,0.5 0.4,1 0.9,0.7 0.7,0.1 0.2,0.1",
+    "q": "0.85,0.8 0.4,1 0.1,0.5 0.4,0.05 0.8,0.4 0.9,0.9 0.9,0 0.95,-0.6",
+    "r": "0.1,1 0.15,0.5 0.15,0 0.25,0.6 0.5,0.95 0.9,0.9",
+    "s": "0.9,0.85 0.5,1 0.15,0.8 0.4,0.55 0.85,0.35 0.7,0.05 0.3,0 0.05,0.2",
+    "u": "0.1,1 0.1,0.4 0.4,0 0.8,0.2 0.9,1 0.9,0.4 1.1,0",
+    "v": "0,1 0.25,0.5 0.5,0 0.75,0.5 1,1 1.15,0.9",
+    "w": "0,1 0.15,0.4 0.3,0 0.5,0.6 0.7,0 0.9,0.4 1,1",
+    "z": "0.1,1 0.5,0.95 0.9,0.95 0.5,0.5 0.1,0.05 0.5,0 1,0.05",
+}
+UNSEEN_LETTERS = ("e", "h", "s")
+LETTER_M = 0.065
+"""Width of a letter, and half of the way from the top of a stem to the bottom of a tail."""
+PAPER_M = (0.27, 0.20)
+"""Middle of the place where letters are written, seen from the shoulder."""
+
+
+def letters() -> DataSet:
+    """Return 20 letters that a light two-joint arm writes, each in 2 to 3 s, with exact signals."""
+    rate_hz, rng = 25.0, np.random.default_rng(2)
+    trials = {}
+    for letter, stroke in STROKES.items():
+        points = np.array([point.split(",") for point in stroke.split()], dtype=np.float64)
+        hand = waypoint_path(letter, PAPER_M + LETTER_M * (points - 0.5))
+        motion = sample(hand, rng.uniform(2.0, 3.0), rate_hz)
+        inputs = WRITING_ARM.joint_motion(
+            (motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)  # of a point: in m
+        )
+        trials[letter] = Trial.exact(letter, inputs, WRITING_ARM.torque_nm(inputs), rate_hz)
+    return DataSet(
+        name="letters",
+        about=f"20 letters written by another two-joint arm, {rate_hz:g} Hz, exact signals; unseen: the "
+        f"letters {', '.join(UNSEEN_LETTERS)}",
+        joints=("shoulder", "elbow"),
+        training=tuple(trial for letter, trial in trials.items() if letter not in UNSEEN_LETTERS),
+        held_out=tuple(trials[letter] for letter in UNSEEN_LETTERS),
+        urdf=with_wrong_inertias(WRITING_ARM.urdf()),
+        stiffness_nm_per_rad=(1.0, 1.0),
+        damping_nms_per_rad=(0.0, 0.0),
+    )
+
+
+SEVEN_JOINTS_VISCOUS_NMS_PER_RAD = 0.5
+
+
+def seven_joints() -> DataSet:
+    """Return closed movements of all joints of a KUKA LBR iiwa under gravity, each on a path of its own.
+
+    Torques are those of pinocchio's recursive Newton-Euler algorithm with the inertias of the URDF that comes
+    with PyBullet, and viscous friction.
+    """
+    import pinocchio
+
+    text = iiwa_urdf()
+    model = pinocchio.buildModelFromXML(text)
+    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    data, rate_hz, rng = model.createData(), 100.0, np.random.default_rng(3)
+    middle_rad = np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
+    trials = []
+    for duration_s in np.linspace(10.0, 3.0, 15):
+        path = sine_path("", middle_rad + rng.uniform(-0.3, 0.3, model.nv), rng, highest=2)
+        motion = sample(path, duration_s, rate_hz)
+        q, v, a = motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2
+        torque_nm = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+        torque_nm += SEVEN_JOINTS_VISCOUS_NMS_PER_RAD * v
+        name = f"path {len(trials) + 1}, {duration_s:g} s"
+        trials.append(Trial.exact(name, stack_inputs(q, v, a), torque_nm, rate_hz))
+    held_out = (3, 8, 13)
+    return DataSet(
+        name="seven joints",
+        about=f"random closed paths of a KUKA LBR iiwa in 10 to 3 s, {rate_hz:g} Hz, exact signals; unseen: "
+        "three of the paths",
+        joints=tuple(model.names[1:]),
+        training=tuple(trial for i, trial in enumerate(trials) if i not in held_out),
+        held_out=tuple(trials[i] for i in held_out),
+        urdf=with_wrong_inertias(text),
+        stiffness_nm_per_rad=(1.0,) * model.nv,
+        damping_nms_per_rad=(0.0,) * model.nv,
+    )
+
+
+def iiwa_urdf() -> str:
+    """Return the description of the seven-joint arm, with the inertias that its torques are made with."""
+    import pybullet_data
+
+    path = FilePath(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
+    return path.read_text(encoding="utf-8")
+
+
+def sine_path(name: str, middle_rad: FloatArray, rng: np.random.Generator, *, highest: int = 3) -> Path:
+    """Return a random closed path on which every joint goes 0.5 rad to at least one side of its middle.
+
+    Each joint follows a sum of sines that go around 1 to ``highest`` times.
+
+    Args:
+        name: of the path.
+        middle_rad: shape (n_joints,).
+        rng: decides on shares and phases.
+        highest: harmonic.
+    """
+    n_joints = len(middle_rad)
+    omega = 2.0 * np.pi * np.arange(1, highest + 1)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (n_joints, highest))
+    share = rng.uniform(0.3, 1.0, (n_joints, highest))
+    s = np.linspace(0.0, 1.0, 1001)[:, None, None]
+    share *= 0.5 / np.abs(np.sum(share * np.sin(omega * s + phase), axis=2)).max(axis=0)[:, None]
+
+    def evaluate(s: FloatArray) -> Derivatives:
+        angle = omega * s[:, None, None] + phase
+        return (
+            middle_rad + np.sum(share * np.sin(angle), axis=2),
+            np.sum(share * omega * np.cos(angle), axis=2),
+            np.sum(-share * omega**2 * np.sin(angle), axis=2),
+        )
+
+    return Path(name, n_joints, evaluate)
+
+
+def with_wrong_inertias(urdf: str) -> str:
+    """Return a URDF with the same kinematics, but other masses, centres of mass, inertias and friction.
+
+    Masses and moments change by factors from 1.4 to 3, up or down, centres of mass by up to 5 cm in each
+    direction. What is said about friction is dropped, and so are shapes, which inertias could be guessed by.
+    """
+    robot, rng = ElementTree.fromstring(without_shapes(urdf)), np.random.default_rng(4)
+    for inertial in robot.iterfind("link/inertial"):
+        mass_factor, moment_factor = 3.0 ** (rng.choice((-1.0, 1.0), 2) * rng.uniform(0.3, 1.0, 2))
+        shift_m = rng.uniform(-0.05, 0.05, 3)
+        _scale(inertial.find("mass"), ("value",), mass_factor)
+        _scale(inertial.find("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moment_factor)
+        origin = inertial.find("origin")
+        if origin is not None:
+            centre_m = np.array(origin.get("xyz", "0 0 0").split(), dtype=np.float64) + shift_m
+            origin.set("xyz", " ".join(map(repr, centre_m.tolist())))
+    for joint in robot.iterfind("joint"):
+        _remove_all(joint, "dynamics")
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def without_shapes(urdf: str) -> str:
+    """Return a URDF without what its links look like and collide with."""
+    robot = ElementTree.fromstring(urdf)
+    for link in robot.iterfind("link"):
+        _remove_all(link, "visual")
+        _remove_all(link, "collision")
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def stacked(trials: Iterable[Trial]) -> tuple[FloatArray, FloatArray]:
+    """Return inputs (n, 3 * n_joints) and torques [N·m] (n, n_joints) of some trials, one below the other."""
+    trials = list(trials)
+    return np.vstack([trial.inputs for trial in trials]), np.vstack([trial.torque_nm for trial in trials])
+
+
+def _add_joint(
+    robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, at_m: float
+) -> None:
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    ElementTree.SubElement(joint, "origin", xyz=f"{at_m} 0 0")
+    if kind != "fixed":
+        ElementTree.SubElement(joint, "axis", xyz="0 0 1")
+        ElementTree.SubElement(joint, "limit", lower="-3", upper="3", effort="20", velocity="15")
+
+
+def _remove_all(element: ElementTree.Element, tag: str) -> None:
+    for child in element.findall(tag):
+        element.remove(child)
+
+
+def _scale(element: ElementTree.Element | None, keys: Iterable[str], factor: float) -> None:
+    if element is not None:
+        for key in keys:
+            element.set(key, repr(float(element.get(key, "0")) * float(factor)))

@@ -1,0 +1,282 @@
+"""Practice without ROS: the controller, the simulated arm and the learner in one process.
+
+Tick for tick this is what the ROS graph does in lockstep: each state of the arm is answered by the
+controller, each answer lets one period pass, and between trials time stands still. Equal goals give
+bit-identical ticks here and there, so benchmarks and studies can run here, and much faster. Nothing is
+recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from sim_bridge.arm import SimulatedArm
+from tel_ros.core.config import Config, SimConfig
+from tel_ros.core.control.controller import EpController
+from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.learning.inputs import query_inputs, stack_inputs
+from tel_ros.core.learning.learner import Learner, TrainingOutcome
+from tel_ros.core.learning.record import learning_record
+from tel_ros.core.learning.signals import TrialSignals, configured_samples
+from tel_ros.core.practice.strategy import PlannedTrial, Strategy, make_strategy
+from tel_ros.core.trajectories.paths import Path
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class OfflineTrial:
+    """One trial; arrays have one row a tick, named and laid out as in a trial that is read from its bag.
+
+    Args:
+        report: how it went.
+        time_ns: stamps of the states that were answered. Shape (n,).
+        phase: numbers of :class:`~tel_ros.core.control.records.Phase`. Shape (n,).
+        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
+        equilibrium_rad: û. Shape (n, n_joints).
+        position_rad: ŷ as measured. Shape (n, n_joints).
+        velocity_rad_s: as measured. Shape (n, n_joints).
+        effort_nm: as commanded. Shape (n, n_joints).
+        saturated: whether the effort was clipped. Shape (n, n_joints).
+    """
+
+    report: TrialReport
+    time_ns: IntArray
+    phase: IntArray
+    desired: FloatArray
+    equilibrium_rad: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+    saturated: BoolArray
+
+    @property
+    def signals(self) -> TrialSignals:
+        """What the network learns from: the ticks from the start posture on."""
+        return learning_record(
+            time_ns=self.time_ns,
+            phase=self.phase,
+            desired=self.desired,
+            position_rad=self.position_rad,
+            equilibrium_rad=self.equilibrium_rad,
+            saturated=self.saturated,
+        )
+
+
+class OfflineArm:
+    """A simulated arm under the control of an :class:`EpController`. Use it with ``with``.
+
+    Args:
+        config: arm, control, sim and seed are used; limits of the arm that are empty must have been filled
+            from the URDF.
+
+    Raises:
+        InputFileError: the URDF cannot be read or simulated.
+        ConfigError: a value does not fit the URDF.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._controller = EpController(config.arm, config.control)
+        self._n_replaced = 0
+        self._start_ns = 0
+        self._arm = self._new_arm(config.sim)
+
+    def __enter__(self) -> Self:
+        """Return the arm."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the arm."""
+        self.close()
+
+    def close(self) -> None:
+        """End the simulation. A second time does nothing."""
+        self._arm.close()
+
+    @property
+    def plant(self) -> SimulatedArm:
+        """The simulated arm of the moment, with its true state; only trials should move it."""
+        return self._arm
+
+    def run_trial(self, goal: TrialGoal) -> OfflineTrial:
+        """Execute a trial from its first tick to its end, however it ends.
+
+        Raises:
+            TrajectoryError: the arm must not follow this goal; nothing has moved.
+            SimulationError: the simulation was closed, or is no longer finite.
+        """
+        arm, controller = self._arm, self._controller
+        controller.start(goal)
+        states: list[ArmState] = []
+        ticks: list[Tick] = []
+        while controller.active:
+            reading = arm.reading()
+            state = ArmState(
+                time_ns=self._start_ns + reading.time_ns,
+                position_rad=np.array(reading.position_rad),
+                velocity_rad_s=np.array(reading.velocity_rad_s),
+            )
+            tick = controller.tick(state)
+            assert tick is not None  # it is not idle
+            states.append(state)
+            ticks.append(tick)
+            arm.step(tick.effort_nm.tolist())
+        assert controller.report is not None
+        return _trial(controller.report, states, ticks)
+
+    def replace_arm(self, sim: SimConfig) -> None:
+        """Go on with another arm, as when a payload is put on between two trials.
+
+        It is at rest in the posture of the one before, and the controller still pulls to where it did. Time
+        goes on; sensor noise does not repeat itself. Commands that were on their way are dropped.
+
+        Args:
+            sim: the other arm; its initial position is not used.
+
+        Raises:
+            ConfigError: a value does not fit the URDF or the control rate, or the posture is beyond a hard
+                stop. The old arm stays.
+        """
+        old = self._arm
+        new = self._new_arm(sim, self._n_replaced + 1)
+        try:
+            new.set_state(old.true_position_rad, (0.0,) * len(old.true_position_rad))
+        except BaseException:
+            new.close()
+            raise
+        self._n_replaced += 1
+        self._start_ns += old.time_ns
+        self._arm = new
+        old.close()
+
+    def _new_arm(self, sim: SimConfig, n_before: int = 0) -> SimulatedArm:
+        config = self._config
+        return SimulatedArm(config.arm, sim, rate_hz=config.control.rate_hz, seed=config.seed + n_before)
+
+
+@dataclass(frozen=True)
+class PractisedTrial:
+    """One trial of a practice run and what was learned from it.
+
+    Args:
+        plan: what was to be tried.
+        trial: what was done.
+        learner: as it was after the trial.
+        training: what learning did; None if there was nothing to learn from.
+    """
+
+    plan: PlannedTrial
+    trial: OfflineTrial
+    learner: Learner
+    training: TrainingOutcome | None
+
+
+class OfflinePractice:
+    """A practice run: predict, execute, learn, and so on. Use it with ``with``.
+
+    Args:
+        config: as for a run of the ROS graph.
+        path: the configured path.
+        learner: what it begins with.
+
+    Raises:
+        InputFileError: the URDF cannot be read or simulated.
+        ConfigError: a value does not fit the URDF.
+    """
+
+    def __init__(self, config: Config, path: Path, learner: Learner) -> None:
+        self.learner = learner
+        """As it is after the last trial; may be replaced between trials."""
+        self.arm = OfflineArm(config)
+        self._config = config
+        self._path = path
+
+    def __enter__(self) -> Self:
+        """Return the practice."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the arm."""
+        self.arm.close()
+
+    def run(
+        self,
+        strategy: Strategy | None = None,
+        *,
+        before_trial: Callable[[PlannedTrial], None] = lambda plan: None,
+    ) -> list[PractisedTrial]:
+        """Run all trials of a strategy.
+
+        Args:
+            strategy: what to try next; None: the configured one.
+            before_trial: is called with each plan before the learner is asked: the place to replace the arm.
+
+        Raises:
+            TelError: whatever :meth:`run_trial` raises.
+        """
+        strategy = strategy or make_strategy(self._config.practice)
+        done: list[PractisedTrial] = []
+        last: TrialReport | None = None
+        while (plan := strategy.next(last)) is not None:
+            before_trial(plan)
+            done.append(self.run_trial(plan))
+            last = done[-1].trial.report
+        return done
+
+    def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
+        """Ask the learner for the commands, execute them and let it learn.
+
+        Raises:
+            TrajectoryError: the arm must not follow this trajectory; nothing has moved.
+            SimulationError: the simulation was closed, or is no longer finite.
+            TrainingError: the trial cannot be learned from; the learner stays as it was.
+        """
+        config = self._config
+        desired = sample(self._path, plan.duration_s, config.control.rate_hz)
+        offset_rad = self.learner.predict(query_inputs(desired, 1.0 / config.control.rate_hz))
+        goal = TrialGoal(plan.index, plan.alpha, desired, desired.position_rad + offset_rad)
+        trial = self.arm.run_trial(goal)
+        training = self._learn(trial) if self._is_worth_learning_from(trial.report) else None
+        return PractisedTrial(plan, trial, self.learner, training)
+
+    def _is_worth_learning_from(self, report: TrialReport) -> bool:
+        if report.outcome == Outcome.COMPLETED:
+            return True
+        return self._config.practice.on_abort == "continue" and report.run_ns > 0
+
+    def _learn(self, trial: OfflineTrial) -> TrainingOutcome:
+        learning = self._config.learning
+        samples = configured_samples(trial.signals, learning)
+        self.learner, training = self.learner.trained_on(samples, learning.training)
+        return training
+
+
+def _trial(report: TrialReport, states: list[ArmState], ticks: list[Tick]) -> OfflineTrial:
+    def column(name: str) -> FloatArray:
+        return np.array([getattr(tick, name) for tick in ticks])
+
+    return OfflineTrial(
+        report=report,
+        time_ns=np.array([state.time_ns for state in states], dtype=np.int64),
+        phase=np.array([tick.phase for tick in ticks], dtype=np.int64),
+        desired=stack_inputs(
+            column("desired_position_rad"),
+            column("desired_velocity_rad_s"),
+            column("desired_acceleration_rad_s2"),
+        ),
+        equilibrium_rad=column("equilibrium_rad"),
+        position_rad=np.array([state.position_rad for state in states]),
+        velocity_rad_s=np.array([state.velocity_rad_s for state in states]),
+        effort_nm=column("effort_nm"),
+        saturated=column("saturated").astype(bool),
+    )

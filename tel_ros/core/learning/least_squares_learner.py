@@ -1,0 +1,283 @@
+"""Trees whose weights are solved for over all trials, alone or on top of another model."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Protocol, Self
+
+import numpy as np
+
+from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.calibration import Calibration
+from tel_ros.core.learning.held_out import (
+    CHANGED,
+    CLEARLY,
+    alternate_slices,
+    arm_has_changed,
+    better_strength,
+)
+from tel_ros.core.learning.learner import LearnerContext, StoredLearner, TrainingMode, TrainingOutcome
+from tel_ros.core.learning.one_thread import on_one_thread
+from tel_ros.core.learning.sample_memory import SampleMemory
+from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.learning.training_pair import outcome, rms, training_pair
+from tel_ros.core.learning.tree_regression import TreeData, TreeRegression
+from tel_ros.core.learning.tree_set import (
+    change_variance,
+    growth_text,
+    new_trees,
+    restore_trees,
+    tree_arrays,
+)
+from tel_ros.core.types import FloatArray
+
+_FIRST_STRENGTH = 0.1
+
+
+class Base(Protocol):
+    """A model that the trees only have to correct."""
+
+    changed: bool
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """Return u - q [rad]."""
+        ...
+
+    def leverage(self, inputs: FloatArray) -> FloatArray:
+        """Return the variance of the prediction in units of that of a sample."""
+        ...
+
+    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
+        """Return a model that has learned from one trial."""
+        ...
+
+    def stored(self) -> StoredLearner:
+        """Return everything that it depends on."""
+        ...
+
+
+class LeastSquaresLearner:
+    """One tree a joint, its weights solved for over the samples of all trials.
+
+    Each trial is predicted before it is learned from. This decides, joint by joint, how strong the prior is
+    and whether the tree grows: only what makes the prediction of a trial not seen before clearly better is
+    done.
+
+    Args:
+        context: of the arm.
+        base: what the trees correct, or None.
+    """
+
+    def __init__(self, context: LearnerContext, base: Base | None = None) -> None:
+        self.context, self.trials_learned, self.base = context, 0, base
+        self.changed = False
+        """Whether the latest trial could not be explained together with the earlier ones."""
+        self._joints = [TreeRegression(tree, _FIRST_STRENGTH) for tree in new_trees(context)]
+        self._memory = SampleMemory.empty(len(context.joints))
+        self._calibration = Calibration.unknown(len(context.joints))
+
+    @classmethod
+    def new(cls, context: LearnerContext) -> Self:
+        """Return an untrained learner."""
+        return cls(context)
+
+    @classmethod
+    def restored(cls, context: LearnerContext, stored: StoredLearner, base: Base | None = None) -> Self:
+        """Return a learner from its description."""
+        learner = cls(context, base)
+        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._memory = SampleMemory.restored(stored.arrays, len(context.joints))
+        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        strengths = stored.header["prior_strengths"]
+        if not all(0.0 < strength < np.inf for strength in strengths):
+            raise ValueError(f"prior_strengths is {strengths}; expected finite numbers above 0")
+        trees = restore_trees(context, stored.arrays)
+        learner._joints = [TreeRegression(t, float(s)) for t, s in zip(trees, strengths, strict=True)]
+        data = learner._tree_data(learner._memory)
+        for joint, silent in zip(learner._joints, stored.header["silent"], strict=True):
+            joint.gram, joint.silent = joint.gram_of(data), bool(silent)
+        return learner
+
+    def stored(self) -> StoredLearner:
+        """Return everything that predictions and further training depend on.
+
+        The normal equations are not stored: they follow from the samples.
+        """
+        header: dict[str, object] = {
+            "trials_learned": self.trials_learned,
+            "prior_strengths": [joint.strength for joint in self._joints],
+            "silent": [joint.silent for joint in self._joints],
+        }
+        trees = [joint.tree for joint in self._joints]
+        arrays = tree_arrays(trees) | self._memory.arrays() | self._calibration.arrays()
+        if self.base is not None:
+            base = self.base.stored()
+            header["base"] = dict(base.header)
+            arrays |= {f"base_{name}": array for name, array in base.arrays.items()}
+        return StoredLearner(header, arrays)
+
+    @property
+    def subtrees(self) -> tuple[int, ...]:
+        """Number of subtrees of each joint's tree."""
+        return tuple(joint.tree.n_subtrees for joint in self._joints)
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
+        scaled = self.context.input_range.scale(inputs)
+        correction = np.column_stack([joint.tree.predict(scaled) for joint in self._joints])
+        return correction if self.base is None else self.base.predict(inputs) + correction
+
+    def std(self, inputs: FloatArray) -> FloatArray:
+        """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""
+        if not self._calibration.is_known:
+            return np.full((len(inputs), len(self.context.joints)), np.inf)
+        return self._calibration.std(self.leverage(inputs))
+
+    @on_one_thread
+    def leverage(self, inputs: FloatArray) -> FloatArray:
+        """Return the variance of the prediction in units of that of a sample. Shape (n, n_joints)."""
+        scaled = self.context.input_range.scale(inputs)
+        leverage = np.column_stack([joint.leverage(scaled) for joint in self._joints])
+        return leverage if self.base is None else leverage + self.base.leverage(inputs)
+
+    @on_one_thread
+    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
+        """Return a learner that has learned from one trial, and what that did; this one stays as it is.
+
+        Raises:
+            TrainingError: what was learned is not finite.
+        """
+        learning = self.context.learning
+        inputs, targets = training_pair(mode, samples, self.predict)
+        learner = copy.copy(self)
+        learner.trials_learned += 1
+        learner.changed = False
+        learner._joints = [joint.copy() for joint in self._joints]
+        new = SampleMemory.of_trial(samples, inputs, targets, self.trials_learned)
+        old = self._memory.discounted(learning.forgetting)
+        for joint in learner._joints:
+            joint.gram *= learning.forgetting
+        notes: list[str] = []
+        if self.base is not None:
+            pair = replace(samples, actual=inputs, offset_rad=targets)
+            learner.base, told = self.base.trained_on(pair, "actual")
+            notes += told.grown
+            if learner.base.changed:
+                old = learner._start_over()
+        if learning.detect_change and self.trials_learned and not learner.changed:
+            error, std = new.targets_rad - self.predict(new.inputs), self.std(new.inputs)
+            usual = np.sqrt(self._calibration.residual_rad2)
+            if arm_has_changed(error, std, usual, lambda: learner._residuals(old, new)):
+                old = learner._start_over()
+                notes.append(CHANGED)
+        if len(old) or len(new) > 1:  # a single sample cannot be held out and learned from
+            notes += learner._choose(old, new)
+        learner._fit(old, new)
+        learner._calibrate(self, samples)
+        if not all(np.all(np.isfinite(joint.tree.weights)) for joint in learner._joints):
+            raise TrainingError("the weights did not stay finite; the network is unchanged")
+        return learner, outcome(self, learner, samples, tuple(notes))
+
+    def _tree_data(self, memory: SampleMemory) -> TreeData:
+        scaled = self.context.input_range.scale(memory.inputs)
+        width = self.context.input_range.high - self.context.input_range.low
+        return TreeData(scaled, memory.noise / width, memory.weight)
+
+    def _targets(self, memory: SampleMemory) -> FloatArray:
+        """Return what the trees have to say at samples. Shape (n, n_joints)."""
+        if self.base is None:
+            return memory.targets_rad
+        return memory.targets_rad - self.base.predict(memory.inputs)
+
+    def _start_over(self) -> SampleMemory:
+        """Forget all samples and return the memory that is left; the trees keep their form."""
+        self.changed = True
+        for joint in self._joints:
+            joint.gram = np.zeros_like(joint.gram)
+            joint.strength = _FIRST_STRENGTH
+        return SampleMemory.empty(len(self.context.joints))
+
+    def _choose(self, old: SampleMemory, new: SampleMemory) -> list[str]:
+        """Find for each joint the prior and the tree that predict the new samples best from the old ones."""
+        learned, held_out = old, new
+        if len(old) == 0:
+            chosen = alternate_slices(len(new))
+            learned, held_out = new[chosen], new[~chosen]
+        learned_data, held_out_data = self._tree_data(learned), self._tree_data(held_out)
+        learned_y, held_out_y = self._targets(learned), self._targets(held_out)
+        notes: list[str] = []
+        for j, joint in enumerate(self._joints):
+            if len(old) == 0:
+                joint.gram = joint.gram_of(learned_data)
+            y_learned, y_held_out = learned_y[:, j], held_out_y[:, j]
+            joint.silent = False
+
+            def residual(candidate: TreeRegression, y: FloatArray = y_held_out) -> FloatArray:
+                return y - candidate.tree.predict(held_out_data.inputs)
+
+            moment = joint.moment_of(learned_data, y_learned)
+
+            def error_with(strength: float, joint: TreeRegression = joint, b: FloatArray = moment) -> float:
+                joint.strength = strength
+                joint.solve(b)
+                return rms(residual(joint))
+
+            joint.strength, error = better_strength(joint.strength, error_with)
+            joint.solve(moment)
+            for _ in range(self.context.learning.growth_per_trial):
+                if joint.tree.n_subtrees >= self.context.learning.max_subtrees:
+                    break
+                leaf = joint.tree.most_pulled_leaf(
+                    change_variance(joint.tree, held_out_data.inputs, residual(joint))
+                )
+                grown = joint.copy()
+                grown.grow(leaf, learned_data)
+                grown.solve(grown.moment_of(learned_data, y_learned))
+                if rms(residual(grown)) > CLEARLY * error:
+                    break
+                joint = self._joints[j] = grown
+                error = rms(residual(joint))
+                notes.append(growth_text(self.context.joints, j, joint.tree.n_subtrees, leaf))
+            joint.silent = self.base is not None and error > CLEARLY * rms(y_held_out)
+            if len(old) == 0:
+                joint.gram[:] = 0.0
+        return notes
+
+    def _fit(self, old: SampleMemory, new: SampleMemory) -> None:
+        """Solve for the weights with all samples."""
+        new_data, new_y = self._tree_data(new), self._targets(new)
+        old_data, old_y = self._tree_data(old), self._targets(old)
+        for j, joint in enumerate(self._joints):
+            joint.gram = joint.gram + joint.gram_of(new_data)
+            joint.solve(joint.moment_of(old_data, old_y[:, j]) + joint.moment_of(new_data, new_y[:, j]))
+        memory = old.joined(new)
+        self._memory = memory.bounded(self.context.learning.memory_samples)
+        if self._memory is not memory:
+            data = self._tree_data(self._memory)
+            for joint in self._joints:
+                joint.set_gram(joint.gram_of(data))
+
+    def _residuals(self, old: SampleMemory, new: SampleMemory) -> tuple[FloatArray, FloatArray]:
+        """Return how well the new samples are fitted with the old ones, and alone. Shapes (n_joints,)."""
+        new_data, new_y = self._tree_data(new), self._targets(new)
+        old_data, old_y = self._tree_data(old), self._targets(old)
+        residuals = np.zeros((2, len(self._joints)))
+        for j, joint in enumerate(self._joints):
+            moment_old = joint.moment_of(old_data, old_y[:, j])
+            moment_new, gram_new = joint.moment_of(new_data, new_y[:, j]), joint.gram_of(new_data)
+            for k, weight in enumerate((1.0, 0.0)):
+                fit = joint.copy()
+                fit.gram = weight * joint.gram + gram_new
+                fit.solve(weight * moment_old + moment_new)
+                residuals[k, j] = rms(new_y[:, j] - fit.tree.predict(new_data.inputs))
+        return residuals[0], residuals[1]
+
+    def _calibrate(self, before: Self, samples: TrainingSamples) -> None:
+        """Measure how good the predictions of the learner before were, and how well this one fits."""
+        step = max(1, len(samples.actual) // 500)
+        inputs, offset = samples.actual[::step], samples.offset_rad[::step]
+        if before.trials_learned:
+            error = offset - before.predict(inputs)
+            self._calibration = before._calibration.tested(error, before.leverage(inputs))
+        self._calibration = self._calibration.fitted(offset - self.predict(inputs), self.leverage(inputs))

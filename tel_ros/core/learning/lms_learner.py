@@ -1,0 +1,130 @@
+"""The paper's learner: LMS trees that learn sample by sample, from one trial at a time."""
+
+from __future__ import annotations
+
+import copy
+from typing import Self
+
+import numpy as np
+
+from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.calibration import Calibration
+from tel_ros.core.learning.learner import LearnerContext, StoredLearner, TrainingMode, TrainingOutcome
+from tel_ros.core.learning.lms_tree import LmsTree
+from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.learning.training_pair import outcome, training_pair
+from tel_ros.core.learning.tree_set import growth_text, new_trees, restore_trees, tree_arrays
+from tel_ros.core.types import FloatArray
+
+
+class LmsLearner:
+    """One LMS tree a joint, from (q, q̇, q̈) of all joints to the offset u - q of the equilibrium point.
+
+    Untrained it gives 0: the equilibrium point is the desired position, which is right at low speed
+    ([Practice] Sec. 2.2).
+    """
+
+    def __init__(self, context: LearnerContext) -> None:
+        self.context, self.trials_learned = context, 0
+        self._trees = new_trees(context)
+        self._seen = [np.zeros_like(tree.weights) for tree in self._trees]
+        """Σ ψ² of each weight: how often and how strongly it has been used in learning."""
+        self._calibration = Calibration.unknown(len(context.joints))
+
+    @classmethod
+    def new(cls, context: LearnerContext) -> Self:
+        """Return an untrained learner."""
+        return cls(context)
+
+    @classmethod
+    def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
+        """Return a learner from its description."""
+        learner = cls(context)
+        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._trees = restore_trees(context, stored.arrays)
+        learner._seen = [stored.arrays[f"seen_{j}"] for j in range(len(context.joints))]
+        if any(s.shape != t.weights.shape for s, t in zip(learner._seen, learner._trees, strict=True)):
+            raise ValueError("seen_… does not have the shape of the weights")
+        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        return learner
+
+    def stored(self) -> StoredLearner:
+        """Return everything that predictions and further training depend on."""
+        arrays = tree_arrays(self._trees) | self._calibration.arrays()
+        arrays |= {f"seen_{j}": seen for j, seen in enumerate(self._seen)}
+        return StoredLearner({"trials_learned": self.trials_learned}, arrays)
+
+    @property
+    def subtrees(self) -> tuple[int, ...]:
+        """Number of subtrees of each joint's tree."""
+        return tuple(tree.n_subtrees for tree in self._trees)
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
+        scaled = self.context.input_range.scale(inputs)
+        return np.column_stack([tree.predict(scaled) for tree in self._trees])
+
+    def std(self, inputs: FloatArray) -> FloatArray:
+        """Return the standard deviation of the error [rad]. Shape (n, n_joints).
+
+        LMS has no covariance of its weights; in its place stands a diagonal one, from how much each weight
+        has been used (ours).
+        """
+        return self._calibration.std(self._leverage(inputs))
+
+    def _leverage(self, inputs: FloatArray) -> FloatArray:
+        scaled = self.context.input_range.scale(inputs)
+        columns = []
+        for tree, seen in zip(self._trees, self._seen, strict=True):
+            psi = tree.features(scaled)
+            columns.append(np.einsum("ij,ij,j->i", psi, psi, 1.0 / (1.0 + seen.ravel())))
+        return np.column_stack(columns)
+
+    @np.errstate(over="ignore", invalid="ignore")  # what does not stay finite is refused
+    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
+        """Return a learner that has learned from one trial, and what that did; this one stays as it is.
+
+        The samples are gone through in random order: neighbours in time are so alike that in their own order
+        each part of the movement overwrites what the others taught (error of the second trial of the paper's
+        schedule 0.116 instead of 0.005 rad).
+
+        Args:
+            samples: the trial.
+            mode: where to apply the command error.
+
+        Raises:
+            TrainingError: the weights or the outcome did not stay finite.
+        """
+        learner = copy.deepcopy(self)
+        learner.trials_learned += 1
+        learning = self.context.learning
+        rng = np.random.default_rng([self.context.seed, self.trials_learned])
+        inputs, targets = training_pair(mode, samples, self.predict)
+        scaled = np.ascontiguousarray(self.context.input_range.scale(inputs))
+        orders = [rng.permutation(len(scaled)) for _ in range(learning.passes)]
+        grown: list[str] = []
+        for j, (joint, tree) in enumerate(zip(self.context.joints, learner._trees, strict=True)):
+            variance = np.zeros_like(tree.weights)
+            for order in orders:
+                variance += tree.learn(scaled, targets[:, j], learning.rate, order)
+            if not np.all(np.isfinite(tree.weights)):
+                raise TrainingError(f"the weights of {joint} did not stay finite; the network is unchanged")
+            grown += learner._grow(j, tree, variance)
+            learner._seen[j] += np.sum(tree.features(scaled) ** 2, axis=0).reshape(tree.weights.shape)
+        if self.trials_learned:
+            error = samples.offset_rad - self.predict(samples.actual)
+            learner._calibration = self._calibration.tested(error, self._leverage(samples.actual))
+        residual = samples.offset_rad - learner.predict(samples.actual)
+        learner._calibration = learner._calibration.fitted(residual, learner._leverage(samples.actual))
+        return learner, outcome(self, learner, samples, tuple(grown))
+
+    def _grow(self, joint: int, tree: LmsTree, change_variance: FloatArray) -> list[str]:
+        grown, learning = [], self.context.learning
+        for _ in range(min(learning.growth_per_trial, learning.max_subtrees - tree.n_subtrees)):
+            leaf = tree.most_pulled_leaf(change_variance)
+            tree.grow(leaf)
+            empty = np.zeros((1, *change_variance.shape[1:]))
+            change_variance = np.concatenate([change_variance, empty])
+            self._seen[joint] = np.concatenate([self._seen[joint], empty])
+            grown.append(growth_text(self.context.joints, joint, tree.n_subtrees, leaf))
+        return grown

@@ -1,0 +1,61 @@
+"""Runs to report on."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+# Lets the tests import the helper module beside them, whatever pytest's import mode.
+sys.path.insert(0, str(Path(__file__).parent))
+
+from made_up_run import MakeRun, Trial, trials, write_run  # noqa: E402
+
+from tel_ros.app.report import write_report  # noqa: E402
+from tel_ros.app.report_data import RunData, read_run  # noqa: E402
+from tel_ros.core.control.records import Outcome  # noqa: E402
+
+
+@pytest.fixture
+def make_run(tmp_path: Path) -> MakeRun:
+    """Write a run folder: ``make_run(trials(3), outcome="aborted", message="why")``."""
+    return lambda *args, **kwargs: write_run(tmp_path / "a-run", *args, **kwargs)
+
+
+@pytest.fixture(scope="session")
+def good_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of three trials that went well. Tests only look at it: making it takes a second."""
+    return write_report(write_run(tmp_path_factory.mktemp("good") / "a-run", trials(3)))
+
+
+@pytest.fixture(scope="session")
+def sure_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a run whose network knew nothing at first, and in the second trial how sure it was."""
+    second = Trial(2)
+    made_of = [Trial(1), replace(second, std_rad=(0.03,) * second.n_points)]
+    return write_report(write_run(tmp_path_factory.mktemp("sure") / "a-run", made_of))
+
+
+@pytest.fixture(scope="session")
+def bad_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a run that went wrong in every way: clipped, broken off, no bag, no movement."""
+    made_of = [
+        Trial(1, saturated=True),
+        Trial(2, outcome=Outcome.ABORTED, message="0.7 rad off"),
+        Trial(3),
+        Trial(4, outcome=Outcome.ABORTED, message="the arm did not settle", reached_run=False),
+    ]
+    message = "trial 4 was aborted: it did not settle"
+    folder = tmp_path_factory.mktemp("bad") / "a-run"
+    write_run(folder, made_of, outcome="aborted", message=message)
+    shutil.rmtree(folder / "trial_003")
+    return write_report(folder)
+
+
+@pytest.fixture(scope="session")
+def good_run(good_report: Path) -> RunData:
+    """What the good report was made from."""
+    return read_run(good_report.parent)
