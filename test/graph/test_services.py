@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from graph_harness import ROOT, Graph, wait_until
 from rclpy.publisher import Publisher
@@ -49,11 +50,14 @@ def test_the_network_learns_from_a_bag_and_survives_everything_that_is_wrong(
     untrained = predict(running)
     desired = running.desired(5.0).position_rad
     assert [list(p.positions) for p in untrained.equilibrium.points] == desired.tolist()
+    assert len(untrained.std_rad) == desired.size
+    assert np.all(np.isinf(untrained.std_rad))
 
     trained = running.call(TrainOnTrials, topics.TRAIN, TrainOnTrials.Request(bags=[str(SAMPLE_BAG)]))
     assert trained.success, trained.message
     assert trained.training_rms_after_rad < 0.5 * trained.training_rms_before_rad
     assert list(trained.subtrees) == [1, 1]
+    assert np.all(np.isfinite(predict(running).std_rad))
     assert predict(running).revision == trained.revision != untrained.revision
 
     file = tmp_path / "network.npz"
