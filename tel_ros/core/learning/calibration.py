@@ -10,7 +10,7 @@ import numpy as np
 
 from tel_ros.core.types import FloatArray
 
-_MEMORY = 0.7
+_MEMORY = 0.5
 """What a test counts after the next one."""
 _LEAST_LEVERAGE = 1e-12
 
