@@ -163,6 +163,9 @@ class LearningConfig:
     """``lms_tree``, ``rigid_body``, ``rigid_body+lms_tree``, or a learner that another package offers."""
     weights: Literal["lms", "least_squares"] = "lms"
     """How a tree finds its weights: sample by sample (the paper), or solved for all trials at once."""
+    start_from: str = ""
+    """Network file of an earlier run to go on from (it brings its learner and input ranges along). Empty: a
+    new one."""
     training: Literal["actual", "desired"] = "actual"
     """Where the command error is applied: at the actual or at the desired trajectory."""
     gaussians_per_input: int = 10

@@ -10,6 +10,7 @@ from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.recording.learners import learner_kind
+from tel_ros.recording.network_file import load_network
 from tel_ros.recording.waypoint_file import load_path
 
 
@@ -29,12 +30,32 @@ def learner_context(config: Config) -> LearnerContext:
 
 
 def new_network(config: Config) -> Learner:
-    """Return the untrained learner that a configuration asks for.
+    """Return the learner that a configuration asks for: an untrained one, or that of an earlier run.
 
     Raises:
-        ConfigError: there is no such learner, or it cannot do what is asked.
+        ConfigError: there is no such learner, it cannot do what is asked, or the earlier run was of an arm
+            with other joints or springs.
+        NetworkFileError: the file of the earlier run is missing or not whole.
     """
+    if config.learning.start_from:
+        return _earlier(config)
     try:
         return learner_kind(config.learning.name).new(learner_context(config))
     except ConfigError as error:
         raise error if error.key.startswith("learning.") else error.inside("learning") from None
+
+
+def _earlier(config: Config) -> Learner:
+    file, arm = config.learning.start_from, config.arm
+    learner = load_network(Path(file))
+    context = learner.context
+    for name, found, expected in (
+        ("joints", context.joints, arm.joints),
+        ("stiffness_nm_per_rad", context.stiffness_nm_per_rad, arm.stiffness_nm_per_rad),
+        ("damping_nms_per_rad", context.damping_nms_per_rad, arm.damping_nms_per_rad),
+    ):
+        if found != expected:
+            raise ConfigError(
+                "learning.start_from", file, f"a network for {name} {list(expected)}, not {list(found)}"
+            )
+    return learner

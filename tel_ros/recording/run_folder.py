@@ -46,8 +46,12 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         ) from error
     urdf = Path(shutil.copy(config.arm.urdf, folder)).name
     path_file = Path(shutil.copy(config.path.file, folder)).name if config.path.file else ""
+    start_from = (
+        Path(shutil.copy(config.learning.start_from, folder)).name if config.learning.start_from else ""
+    )
     written = dataclasses.replace(
         config,
+        learning=dataclasses.replace(config.learning, start_from=start_from),
         arm=dataclasses.replace(config.arm, urdf=urdf),
         path=dataclasses.replace(config.path, file=path_file),
         versions=_versions(),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tel_ros.core.config import Config
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.errors import ConfigError, NetworkFileError
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
@@ -233,3 +233,30 @@ def test_what_a_learner_cannot_do_is_said_under_the_key_of_the_section(
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(ConfigError, match=r"^learning\.name is 'rigid_body'; expected .*pip install pin"):
         new_network(with_learning(config, name="rigid_body"))
+
+
+def test_a_run_goes_on_from_the_network_of_an_earlier_one(config: Config, tmp_path: Path) -> None:
+    earlier = new_network(config)
+    earlier.trials_learned = 5
+    save_network(earlier, tmp_path / "earlier.npz")
+    assert new_network(starting_from(config, tmp_path / "earlier.npz")).trials_learned == 5
+
+
+def starting_from(config: Config, file: Path) -> Config:
+    return dataclasses.replace(config, learning=dataclasses.replace(config.learning, start_from=str(file)))
+
+
+def test_a_network_of_an_arm_with_other_springs_is_refused(config: Config, tmp_path: Path) -> None:
+    save_network(new_network(config), tmp_path / "earlier.npz")
+    stiffer = dataclasses.replace(
+        config, arm=dataclasses.replace(config.arm, stiffness_nm_per_rad=(20.0, 15.0))
+    )
+    with pytest.raises(
+        ConfigError, match=r"learning.start_from.*earlier.npz.*\[20.0, 15.0\], not \[15.0, 15.0\]"
+    ):
+        new_network(starting_from(stiffer, tmp_path / "earlier.npz"))
+
+
+def test_a_missing_network_to_go_on_from_is_named(config: Config, tmp_path: Path) -> None:
+    with pytest.raises(NetworkFileError, match="earlier.npz: there is no such file"):
+        new_network(starting_from(config, tmp_path / "earlier.npz"))

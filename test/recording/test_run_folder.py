@@ -18,6 +18,8 @@ from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
+from tel_ros.recording.network_file import save_network
+from tel_ros.recording.new_network import new_network
 from tel_ros.recording.run_folder import (
     CONFIG_FILE,
     SUMMARY_FILE,
@@ -72,6 +74,19 @@ def test_what_is_written_names_no_place_on_this_machine(
     text = (folder / CONFIG_FILE).read_text(encoding="utf-8")
     for place in (tmp_path, config_folder, Path.home(), Path.cwd()):
         assert str(place) not in text
+
+
+def test_a_network_to_go_on_from_is_copied_and_found_again(
+    folder: Path, config: Config, config_folder: Path, tmp_path: Path
+) -> None:
+    earlier = config_folder / "earlier.npz"
+    save_network(new_network(config), earlier)
+    learning = dataclasses.replace(config.learning, start_from=str(earlier))
+    written = create_run_folder(folder, dataclasses.replace(config, learning=learning))
+    earlier.unlink()
+    assert written.learning.start_from == "earlier.npz"
+    moved = Path(shutil.move(folder, tmp_path / "archive"))
+    assert new_network(load_config(moved / CONFIG_FILE)).trials_learned == 0
 
 
 def test_the_configuration_says_what_the_run_was_made_with(folder: Path, config: Config) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,16 @@ class InputRange:
             high=np.concatenate([middle + half, speed, acceleration]),
         )
 
+    @cached_property
+    def _width(self) -> FloatArray:
+        width: FloatArray = self.high - self.low
+        return width
+
     def scale(self, inputs: FloatArray) -> FloatArray:
         """Map inputs of shape (n, n_inputs) to 0 … 1."""
-        return np.clip((inputs - self.low) / (self.high - self.low), 0.0, 1.0)
+        scaled: FloatArray = inputs - self.low
+        scaled /= self._width
+        # np.clip costs several times as much for a single sample.
+        np.maximum(scaled, 0.0, out=scaled)
+        np.minimum(scaled, 1.0, out=scaled)
+        return scaled

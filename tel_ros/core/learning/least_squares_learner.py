@@ -125,8 +125,12 @@ class LeastSquaresLearner:
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         scaled = self.context.input_range.scale(inputs)
-        correction = np.column_stack([joint.tree.predict(scaled) for joint in self._joints])
-        return correction if self.base is None else self.base.predict(inputs) + correction
+        result = (
+            np.zeros((len(inputs), len(self._joints))) if self.base is None else self.base.predict(inputs)
+        )
+        for j, joint in enumerate(self._joints):
+            result[:, j] += joint.tree.predict(scaled)
+        return result
 
     def std(self, inputs: FloatArray) -> FloatArray:
         """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""

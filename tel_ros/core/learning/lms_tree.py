@@ -44,19 +44,14 @@ class LmsTree:
         self.weights: FloatArray = np.zeros((1, n_inputs, n_gaussians))
         self.parents: list[Leaf] = []
         """The leaf that each subtree hangs under; subtree k is ``parents[k - 1]``."""
+        self.parents_array: IntArray = np.empty((0, 3), dtype=np.int64)
+        """The same as (subtree, input, gaussian). Shape (n_subtrees, 3)."""
         self._sigma = width / (n_gaussians - 1)
 
     @property
     def n_subtrees(self) -> int:
         """Subtrees grown so far, the root not counted."""
         return len(self.parents)
-
-    @property
-    def parents_array(self) -> IntArray:
-        """The parents as (subtree, input, gaussian). Shape (n_subtrees, 3)."""
-        return np.array([(p.subtree, p.input, p.gaussian) for p in self.parents], dtype=np.int64).reshape(
-            -1, 3
-        )
 
     def features(self, inputs: FloatArray) -> FloatArray:
         """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * G) for inputs of shape (n, D)."""
@@ -73,6 +68,8 @@ class LmsTree:
     def grow(self, leaf: Leaf) -> None:
         """Hang a new subtree with zero weights under a leaf; the output does not change."""
         self.parents.append(leaf)
+        row = np.array([[leaf.subtree, leaf.input, leaf.gaussian]], dtype=np.int64)
+        self.parents_array = np.concatenate([self.parents_array, row])
         self.weights = np.concatenate([self.weights, np.zeros((1, self.n_inputs, self.n_gaussians))])
 
     def most_pulled_leaf(self, change_variance: FloatArray) -> Leaf:

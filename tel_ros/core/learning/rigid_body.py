@@ -54,6 +54,7 @@ class RigidBodyRegressor:
             raise ConfigError("name", "rigid_body", "revolute or prismatic joints with one coordinate each")
         self._model, self._data = model, model.createData()
         self._order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
+        self._in_order = bool(np.all(self._order == np.arange(len(joints))))
         self.n_joints = len(joints)
         self.n_parameters = _PER_LINK * (model.njoints - 1) + 2 * self.n_joints
 
@@ -73,6 +74,22 @@ class RigidBodyRegressor:
         result[:, joints, inertial + n_joints + joints] = np.tanh(speed / COULOMB_SPEED_RAD_S)
         return result
 
+    def torque(self, inputs: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return Y π, without making all of Y. Shape (n, n_joints)."""
+        n_joints = self.n_joints
+        inertial, viscous = parameters[: -2 * n_joints], parameters[-2 * n_joints : -n_joints]
+        coulomb = parameters[-n_joints:]
+        q, v, a = self._coordinates(inputs)
+        compute, model, data = self._pin.computeJointTorqueRegressor, self._model, self._data
+        result = np.empty((len(inputs), n_joints))
+        for k in range(len(inputs)):
+            result[k] = compute(model, data, q[k], v[k], a[k]).reshape(n_joints, -1) @ inertial
+        if not self._in_order:
+            result = result[:, self._order]
+        speed = inputs[:, n_joints : 2 * n_joints]
+        result += viscous * speed + coulomb * np.tanh(speed / COULOMB_SPEED_RAD_S)
+        return result
+
     def acceleration_slope(self, inputs: FloatArray, joint: int) -> FloatArray:
         """Return ∂Y / ∂q̈ of one joint, in which Y is linear. Shape (n, n_joints, n_parameters)."""
         at_rest = inputs.copy()
@@ -82,6 +99,9 @@ class RigidBodyRegressor:
         return self(pushed) - self(at_rest)
 
     def _coordinates(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        n = self.n_joints
+        if self._in_order:
+            return inputs[:, :n], inputs[:, n : 2 * n], inputs[:, 2 * n :]
         parts = []
         for part in np.split(inputs, 3, axis=1):
             ordered = np.empty_like(part)

@@ -95,7 +95,10 @@ class RigidBodyLearner:
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         if self.trials_learned == 0:
             return np.zeros((len(inputs), len(self.context.joints)))
-        return self._rows(inputs) @ self._parameters + self._spring(inputs)
+        torque_nm = self._regressor.torque(inputs, self._parameters)
+        torque_nm += self._damping * inputs[:, len(self._damping) : 2 * len(self._damping)]
+        torque_nm /= self._stiffness
+        return torque_nm
 
     def std(self, inputs: FloatArray) -> FloatArray:
         """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""
