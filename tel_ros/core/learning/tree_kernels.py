@@ -16,6 +16,18 @@ from tel_ros.core.types import FloatArray, IntArray
 _TINY = 1e-9
 
 
+@njit("f8[:, ::1](f8[:, :], f8[:], f8[:])", cache=True)
+def scale(inputs: FloatArray, low: FloatArray, width: FloatArray) -> FloatArray:
+    """Return inputs with ``low`` … ``low + width`` mapped to 0 … 1, clipped beyond. Shape (n, D)."""
+    n, n_inputs = inputs.shape
+    result = np.empty((n, n_inputs))
+    for row in range(n):
+        for d in range(n_inputs):
+            share = (inputs[row, d] - low[d]) / width[d]
+            result[row, d] = min(max(share, 0.0), 1.0)
+    return result
+
+
 @njit("void(f8[::1], f8, b1, f8[:, ::1])", cache=True)
 def _activate(x: FloatArray, sigma: float, normalised: bool, phi: FloatArray) -> None:
     """Fill ``phi`` (D, G) with the Gaussians of one input vector."""
