@@ -23,9 +23,13 @@ from tel_ros.core.learning.inputs import query_inputs, stack_inputs
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.record import learning_record
 from tel_ros.core.learning.signals import TrialSignals, configured_samples
-from tel_ros.core.practice.strategy import PlannedTrial, Strategy, make_strategy
+from tel_ros.core.learning.std_along import std_along
+from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
+from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
+from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
 
@@ -196,8 +200,11 @@ class OfflinePractice:
         self.learner = learner
         """As it is after the last trial; may be replaced between trials."""
         self.arm = OfflineArm(config)
+        self.ending: Ending | None = None
+        """How the last call of :meth:`run` ended."""
         self._config = config
         self._path = path
+        self._learner_after = {0: learner}
 
     def __enter__(self) -> Self:
         """Return the practice."""
@@ -224,14 +231,23 @@ class OfflinePractice:
         Raises:
             TelError: whatever :meth:`run_trial` raises.
         """
-        strategy = strategy or make_strategy(self._config.practice)
+        strategy = strategy or make_strategy(self._config)
         done: list[PractisedTrial] = []
         last: TrialReport | None = None
-        while (plan := strategy.next(last)) is not None:
-            before_trial(plan)
-            done.append(self.run_trial(plan))
+        while isinstance(decision := strategy.next(last, self.forecast), PlannedTrial):
+            before_trial(decision)
+            done.append(self.run_trial(decision))
             last = done[-1].trial.report
+        self.ending = decision
         return done
+
+    def forecast(self, movement: Movement) -> Forecast:
+        """Return what the learner expects of a movement."""
+        desired = forecast_trajectory(self._path, movement)
+        inputs = self._inputs(desired)
+        return forecast_of(
+            desired, self.learner.predict(inputs), std_along(self.learner, inputs), self._config.arm
+        )
 
     def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
         """Ask the learner for the commands, execute them and let it learn.
@@ -241,13 +257,18 @@ class OfflinePractice:
             SimulationError: the simulation was closed, or is no longer finite.
             TrainingError: the trial cannot be learned from; the learner stays as it was.
         """
-        config = self._config
-        desired = sample(self._path, plan.duration_s, config.control.rate_hz)
-        offset_rad = self.learner.predict(query_inputs(desired, 1.0 / config.control.rate_hz))
+        if plan.go_back_to is not None:
+            self.learner = self._learner_after[plan.go_back_to]
+        desired = sample(self._path, plan.movement.duration_s, self._config.control.rate_hz)
+        offset_rad = self.learner.predict(self._inputs(desired))
         goal = TrialGoal(plan.index, plan.alpha, desired, desired.position_rad + offset_rad)
         trial = self.arm.run_trial(goal)
         training = self._learn(trial) if self._is_worth_learning_from(trial.report) else None
+        self._learner_after[plan.index] = self.learner
         return PractisedTrial(plan, trial, self.learner, training)
+
+    def _inputs(self, desired: DesiredTrajectory) -> FloatArray:
+        return query_inputs(desired, 1.0 / self._config.control.rate_hz)
 
     def _is_worth_learning_from(self, report: TrialReport) -> bool:
         if report.outcome == Outcome.COMPLETED:

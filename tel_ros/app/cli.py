@@ -131,6 +131,8 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
         click.echo(json.dumps(summary, indent=2))
         return
     _OUT.print(trial_table(summary["trials"]))
+    if summary["outcome"] == "completed" and summary["message"]:
+        _OUT.print(f"result  {summary['message']}", highlight=False, soft_wrap=True)
     _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
 
 

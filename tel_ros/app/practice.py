@@ -46,8 +46,8 @@ def check_before_moving(config: Config) -> None:
     new_network(config)
     path = load_path(config.path, config.arm)
     limits = Limits.of(config.arm, config.control.corridor_rad)
-    for duration_s in sorted(set(make_strategy(config.practice).planned_durations_s)):
-        desired = sample(path, float(duration_s), config.control.rate_hz)
+    for duration_s in sorted({movement.duration_s for movement in make_strategy(config).outlook()}):
+        desired = sample(path, duration_s, config.control.rate_hz)
         goal = TrialGoal(1, 1.0, desired, desired.position_rad)
         try:
             limits.check_goal(goal, config.control.settle_speed_rad_s)

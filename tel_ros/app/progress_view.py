@@ -62,6 +62,7 @@ class ProgressView:
             self._console.print(
                 f"{trial}  {feedback.duration_s:6.3f} s  error {result.rms_error_rad:.4f} rad RMS, "
                 f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"
+                f"{f' ({feedback.reason})' if feedback.reason else ''}"
                 f"{self._time_left()}",
                 highlight=False,
                 soft_wrap=True,

@@ -133,20 +133,42 @@ class PathConfig:
 class PracticeConfig:
     """The practice strategy ([Practice] Sec. 3: 15 trials from 11.5 s to 4.5 s)."""
 
-    strategy: Literal["trajectory_extension", "direct"] = "trajectory_extension"
-    """``direct`` runs every trial at the goal speed: the paper's control condition."""
+    strategy: Literal["trajectory_extension", "adaptive_extension", "direct"] = "trajectory_extension"
+    """``adaptive_extension`` chooses its own steps. ``direct`` runs every trial at the goal speed: the
+    paper's control condition."""
     trials: int = 15
+    """How many trials; for ``adaptive_extension`` at most."""
     first_duration_s: float = 11.5
     goal_duration_s: float = 4.5
     spacing: Literal["duration", "speed", "torque"] = "duration"
-    """What goes up in even steps: duration T (the paper), speed 1/T or torque 1/T²."""
+    """``trajectory_extension``: what goes up in even steps: duration T (the paper), speed 1/T or torque
+    1/T²."""
+    durations_s: tuple[float, ...] = ()
+    """``trajectory_extension``: durations of all trials, instead of ``trials`` and even steps."""
+    tolerance_rad: float = 5e-3
+    """``adaptive_extension``: RMS error at the goal speed at which practice is over."""
+    step_tolerance_rad: float = 0.02
+    """``adaptive_extension``: RMS error that may be expected of a step on the way there."""
     on_abort: Literal["stop", "continue"] = "stop"
-    """``continue`` learns from what was recorded before the abort and goes on with the next trial."""
+    """``continue`` learns from what was recorded before the abort and goes on with the next trial.
+    ``adaptive_extension`` always goes on, from the network of the last good trial."""
 
     def __post_init__(self) -> None:
         _require_choices(self)
         _require(self.trials >= 1, "trials", self.trials, "a whole number of at least 1")
-        _require_positive(self, "goal_duration_s")
+        _require_positive(self, "goal_duration_s", "tolerance_rad")
+        _require(
+            all(self.goal_duration_s <= t < math.inf for t in self.durations_s),
+            "durations_s",
+            list(self.durations_s),
+            f"finite times of at least goal_duration_s = {self.goal_duration_s} s",
+        )
+        _require(
+            self.tolerance_rad <= self.step_tolerance_rad < math.inf,
+            "step_tolerance_rad",
+            self.step_tolerance_rad,
+            f"a finite angle of at least tolerance_rad = {self.tolerance_rad} rad",
+        )
         _require(
             self.goal_duration_s <= self.first_duration_s < math.inf,
             "first_duration_s",

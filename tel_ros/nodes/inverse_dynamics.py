@@ -13,7 +13,7 @@ from tel_ros.core.errors import TelError, TrainingError
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples
-from tel_ros.core.types import FloatArray
+from tel_ros.core.learning.std_along import std_along
 from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
@@ -21,8 +21,6 @@ from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.trial_bag import read_trial
-
-_STD_STEP = 10
 
 
 class InverseDynamicsNode(Node):
@@ -48,20 +46,10 @@ class InverseDynamicsNode(Node):
         inputs = query_inputs(desired, 1.0 / self._config.control.rate_hz)
         equilibrium = desired.position_rad + self._network.predict(inputs)
         response.equilibrium = to_trajectory_message(self._joints, desired.time_ns, equilibrium)
-        response.std_rad = to_array(self._std_rad(inputs))
+        response.std_rad = to_array(std_along(self._network, inputs))
         response.revision = revision(self._network)
         response.success = True
         return response
-
-    def _std_rad(self, inputs: FloatArray) -> FloatArray:
-        """Return the standard deviation of the command's error at all points. Shape (n, n_joints).
-
-        It is asked for at some of the points only: it costs much more than the prediction, and changes as
-        slowly as the movement.
-        """
-        known = np.unique(np.append(np.arange(0, len(inputs), _STD_STEP), len(inputs) - 1))
-        std = self._network.std(inputs[known])
-        return np.column_stack([np.interp(np.arange(len(inputs)), known, column) for column in std.T])
 
     def _train(
         self, request: TrainOnTrials.Request, response: TrainOnTrials.Response

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -18,6 +19,7 @@ from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial, Practice
 from tel_interfaces.msg import TrialGoal, TrialResult
 from tel_interfaces.srv import (
+    LoadNetwork,
     PredictEquilibrium,
     SaveNetwork,
     StartRecording,
@@ -27,8 +29,11 @@ from tel_interfaces.srv import (
 
 from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.errors import TelError
-from tel_ros.core.practice.strategy import PlannedTrial, make_strategy
+from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
+from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
+from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_goal_message, to_report
 from tel_ros.nodes.parameters import load_parameters
@@ -37,7 +42,7 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.run_folder import NETWORK_FILE, open_run_folder, trial_bag
+from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
 from tel_ros.recording.summary import RunSummary, TrialRow
 from tel_ros.recording.waypoint_file import load_path
 
@@ -60,6 +65,7 @@ class PracticeManagerNode(Node):
         self._predict = self.create_client(PredictEquilibrium, topics.PREDICT, callback_group=group)
         self._train = self.create_client(TrainOnTrials, topics.TRAIN, callback_group=group)
         self._save = self.create_client(SaveNetwork, topics.SAVE, callback_group=group)
+        self._load = self.create_client(LoadNetwork, topics.LOAD, callback_group=group)
         self._start_recording = self.create_client(
             StartRecording, topics.START_RECORDING, callback_group=group
         )
@@ -126,18 +132,25 @@ class PracticeManagerNode(Node):
     def _run(
         self, goal_handle: ServerGoalHandle, folder: Path, summary: RunSummary, result: Practice.Result
     ) -> None:
-        strategy = make_strategy(self._config.practice)
-        progress = Progress(goal_handle, strategy.planned_durations_s)
+        strategy = make_strategy(self._config)
+        progress = Progress(goal_handle)
         last: TrialReport | None = None
+        ending = Ending("cancelled", "the run was cancelled")
         try:
             self._wait_for_arm()
-            while not self._cancelled(goal_handle) and (plan := strategy.next(last)) is not None:
-                row, message = self._trial(goal_handle, folder, plan, progress)
+            self._save_network(network_after(folder, 0))
+            while not self._cancelled(goal_handle):
+                decision = strategy.next(last, self._forecast)
+                if isinstance(decision, Ending):
+                    ending = decision
+                    break
+                progress.begin(decision, strategy.outlook())
+                row, message = self._trial(goal_handle, folder, decision, progress)
                 summary.add(row)
                 last = row.report
                 result.trials.append(message)
                 progress.trial_done(message, row)
-            summary.end(*_ending(last, self._cancelled(goal_handle)))
+            summary.end(ending.outcome, ending.message)
         except TelError as error:
             summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
 
@@ -153,8 +166,10 @@ class PracticeManagerNode(Node):
         self, goal_handle: ServerGoalHandle, folder: Path, plan: PlannedTrial, progress: Progress
     ) -> tuple[TrialRow, TrialResult]:
         started = time.monotonic()
-        progress.begin(plan)
         bag = trial_bag(folder, plan.index)
+        if plan.go_back_to is not None:
+            file = network_after(folder, plan.go_back_to)
+            self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
         goal, revision = self._goal(plan)
         metadata = self._metadata(plan, revision)
         progress.stage("recording")
@@ -174,7 +189,7 @@ class PracticeManagerNode(Node):
         if message.outcome == TrialResult.REFUSED:
             raise NoAnswerError(f"trial {plan.index} was refused: {message.message}")
         report = to_report(message)
-        row = TrialRow(report=report, bag=bag.name, wall_s=0.0)
+        row = TrialRow(plan=plan, report=report, bag=bag.name, wall_s=0.0)
         if self._is_worth_learning_from(report):
             progress.stage("training")
             self._learn(row, bag, folder)
@@ -184,12 +199,24 @@ class PracticeManagerNode(Node):
     def _goal(self, plan: PlannedTrial) -> tuple[TrialGoal, str]:
         """Return the goal of a trial, and the revision of the network that has said what to command."""
         joints = self._config.arm.joints
-        desired = sample(self._path, plan.duration_s, self._config.control.rate_hz)
-        request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
-        prediction = self._call(self._predict, request, ANSWER_TIMEOUT_S)
+        desired = sample(self._path, plan.movement.duration_s, self._config.control.rate_hz)
+        prediction = self._prediction(desired)
         equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
         goal = to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad, prediction.std_rad)
         return goal, prediction.revision
+
+    def _prediction(self, desired: DesiredTrajectory) -> PredictEquilibrium.Response:
+        request = PredictEquilibrium.Request(desired=desired_message(self._config.arm.joints, desired))
+        prediction: PredictEquilibrium.Response = self._call(self._predict, request, ANSWER_TIMEOUT_S)
+        return prediction
+
+    def _forecast(self, movement: Movement) -> Forecast:
+        """Return what the network, as it is, expects of a movement."""
+        arm, desired = self._config.arm, forecast_trajectory(self._path, movement)
+        prediction = self._prediction(desired)
+        offset_rad = equilibrium_of(prediction.equilibrium, arm.joints) - desired.position_rad
+        std_rad = np.array(prediction.std_rad).reshape(offset_rad.shape)
+        return forecast_of(desired, offset_rad, std_rad, arm)
 
     def _is_worth_learning_from(self, report: TrialReport) -> bool:
         if report.outcome == Outcome.COMPLETED:
@@ -206,7 +233,11 @@ class PracticeManagerNode(Node):
         row.training_rms_after_rad = trained.training_rms_after_rad
         row.rms_command_change_rad = trained.rms_command_change_rad
         row.grown = list(trained.grown)
-        self._call(self._save, SaveNetwork.Request(path=str(folder / NETWORK_FILE)), ANSWER_TIMEOUT_S)
+        self._save_network(network_after(folder, row.plan.index))
+        self._save_network(folder / NETWORK_FILE)
+
+    def _save_network(self, file: Path) -> None:
+        self._call(self._save, SaveNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
 
     def _executed(self, goal_handle: ServerGoalHandle, goal: TrialGoal, progress: Progress) -> TrialResult:
         heard_at = time.monotonic()
@@ -246,20 +277,12 @@ class PracticeManagerNode(Node):
             "strategy": self._config.practice.strategy,
             "trial": str(plan.index),
             "alpha": repr(plan.alpha),
-            "duration_s": repr(plan.duration_s),
+            "duration_s": repr(plan.movement.own_duration_s),
+            "reason": plan.reason,
             "seed": str(self._config.seed),
             "network_revision": network_revision,
             **{f"version.{name}": version for name, version in self._written.versions.items()},
         }
-
-
-def _ending(last: TrialReport | None, cancelled: bool) -> tuple[str, str]:
-    """Return the outcome of a run and a line about it, from its last trial."""
-    if last is None or cancelled or last.outcome == Outcome.CANCELLED:
-        return "cancelled", "the run was cancelled"
-    if last.outcome == Outcome.ABORTED:
-        return "aborted", f"trial {last.index} was aborted: {last.message}"
-    return "completed", ""
 
 
 def main() -> None:

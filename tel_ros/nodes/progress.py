@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from rclpy.action.server import ServerGoalHandle
 from tel_interfaces.action import ExecuteTrial, Practice
 from tel_interfaces.msg import TrialResult
 
-from tel_ros.core.practice.strategy import PlannedTrial
-from tel_ros.core.types import FloatArray
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.recording.summary import TrialRow
 
 
@@ -16,19 +18,26 @@ class Progress:
 
     Args:
         goal_handle: of the run.
-        planned_durations_s: durations of all trials. Shape (n,).
     """
 
-    def __init__(self, goal_handle: ServerGoalHandle, planned_durations_s: FloatArray) -> None:
+    def __init__(self, goal_handle: ServerGoalHandle) -> None:
         self._goal_handle = goal_handle
-        self._planned_s = float(planned_durations_s.sum())
+        self._planned_s = math.inf
         self._done_s = 0.0
-        self._feedback = Practice.Feedback(trials=len(planned_durations_s))
+        self._feedback = Practice.Feedback()
 
-    def begin(self, plan: PlannedTrial) -> None:
-        """Begin a trial."""
+    def begin(self, plan: PlannedTrial, outlook: Sequence[Movement]) -> None:
+        """Begin a trial, with what is to come after it as far as the strategy can tell."""
         feedback = self._feedback
-        feedback.trial, feedback.alpha, feedback.duration_s = plan.index, plan.alpha, plan.duration_s
+        to_come_s = plan.movement.own_duration_s + sum(movement.own_duration_s for movement in outlook)
+        self._planned_s = self._done_s + to_come_s
+        feedback.trials = plan.index + len(outlook)
+        feedback.reason, feedback.expected_rms_rad = plan.reason, plan.expected_rms_rad
+        feedback.trial, feedback.alpha, feedback.duration_s = (
+            plan.index,
+            plan.alpha,
+            plan.movement.own_duration_s,
+        )
         feedback.max_error_rad, feedback.last, feedback.training_rms_rad = float("nan"), [], []
         self.stage("predicting")
 

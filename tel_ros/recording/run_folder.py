@@ -82,6 +82,11 @@ def trial_bag(folder: Path, index: int) -> Path:
     return folder / f"trial_{index:03d}"
 
 
+def network_after(folder: Path, index: int) -> Path:
+    """Return the file of the network as it was after a trial; 0: as the run began."""
+    return folder / "network" / f"after_{index:03d}.npz"
+
+
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write the summary of a run, atomically; numbers that are not finite become null."""
     write_atomically(folder / SUMMARY_FILE, json.dumps(_json_ready(summary), indent=2) + "\n")

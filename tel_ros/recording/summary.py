@@ -8,6 +8,7 @@ from typing import Any
 
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import TrialReport
+from tel_ros.core.practice.decisions import PlannedTrial
 from tel_ros.recording.config_file import to_plain
 from tel_ros.recording.run_folder import write_summary
 
@@ -16,6 +17,7 @@ from tel_ros.recording.run_folder import write_summary
 class TrialRow:
     """One trial, with what was learned from it (NaN where nothing was)."""
 
+    plan: PlannedTrial
     report: TrialReport
     bag: str
     wall_s: float
@@ -31,6 +33,9 @@ class TrialRow:
             "index": report.index,
             "alpha": report.alpha,
             "duration_s": report.duration_s,
+            "reason": self.plan.reason,
+            "went_back_to": self.plan.go_back_to,
+            "expected_rms_rad": self.plan.expected_rms_rad,
             "rms_error_rad": report.rms_error_rad,
             "rms_error_per_joint_rad": report.rms_error_per_joint_rad.tolist(),
             "max_error_rad": report.max_error_rad,
