@@ -81,6 +81,8 @@ setup(
         "report": ["jinja2", "matplotlib"],
         # For the learners rigid_body and rigid_body+lms_tree.
         "rigid-body": ["pin"],
+        # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.
+        "sweep": ["pyarrow", "ray"],
         # What benchmarks/learners.py compares with.
         "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name.

@@ -1,0 +1,258 @@
+"""What a sweep consists of: cases, grids and seeds, laid out as points and checked before anything runs."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from tel_ros import __version__
+from tel_ros.core.config import Config
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.recording.config_file import flat_values, load_config, read_yaml
+
+CASE = "case"
+"""Name of the column that tells cases apart."""
+
+_FILE_KEYS = ("arm.urdf", "path.file", "learning.start_from")
+_NOT_HASHED = ("versions",)
+
+
+class MapPlan(BaseModel, extra="forbid"):
+    """A figure to draw of a sweep: one panel a case, a cell for each pair of values.
+
+    Args:
+        x: key of the grid whose values go from left to right.
+        y: key of the grid whose values go up.
+        tolerance_rad: RMS error of the last trial that is good enough.
+        x_label: for the axis; empty: the key.
+        y_label: the same.
+    """
+
+    x: str
+    y: str
+    tolerance_rad: float
+    x_label: str = ""
+    y_label: str = ""
+
+
+class SweepFile(BaseModel, extra="forbid"):
+    """What the YAML file of a sweep may hold.
+
+    Args:
+        set: dotted keys and values for all points.
+        cases: names and what each case changes: bundles of values that go together.
+        grid: dotted keys and the values to go through.
+        seeds: how many seeds for each point.
+        map: figure to draw at the end.
+    """
+
+    set: dict[str, Any] = {}
+    cases: dict[str, dict[str, Any]] = {}
+    grid: dict[str, list[Any]] = {}
+    seeds: int = 1
+    map: MapPlan | None = None
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What to go through.
+
+    Args:
+        overrides: ``key=value`` for all points, in the order of their application.
+        cases: names, and ``key=value`` for each.
+        grid: dotted keys, and the values to go through.
+        seeds: how many seeds for each point, counted up from the configured one.
+        map: figure to draw at the end.
+
+    Raises:
+        ConfigError: a grid is empty or names a value twice, a key is given twice, there are no seeds, or the
+            map is of keys that are not in the grid.
+    """
+
+    overrides: tuple[str, ...] = ()
+    cases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    grid: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    seeds: int = 1
+    map: MapPlan | None = None
+
+    def __post_init__(self) -> None:
+        if self.seeds < 1:
+            raise ConfigError("--seeds", self.seeds, "a whole number of at least 1")
+        for key, values in self.grid.items():
+            texts = [json.dumps(value) for value in values]
+            if not texts or len(set(texts)) < len(texts):
+                raise ConfigError(key, list(values), "one value or more, each once", "--grid")
+        if "seed" in self.grid and self.seeds > 1:
+            raise ConfigError("--seeds", self.seeds, "1, since the grid names the seeds")
+        for axis in (self.map.x, self.map.y) if self.map else ():
+            if axis not in self.grid:
+                raise ConfigError("map", axis, f"keys of the grid: {', '.join(self.grid) or 'there is none'}")
+        swept = {*self.grid}
+        for name, overrides in self.cases.items():
+            twice = swept & {text.partition("=")[0] for text in overrides}
+            if twice:
+                key = min(twice)
+                raise ConfigError(key, name, "a key that is in the grid or in cases, not in both", "cases")
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """One practice run of a sweep.
+
+    Args:
+        labels: what tells it from the others, as columns of the table: case, keys of the grid, seed.
+        config: what to run; None if there can be no such configuration.
+        problem: why there can be none.
+        key: hash of the resolved configuration; of the labels if there is none.
+    """
+
+    labels: Mapping[str, Any]
+    config: Config | None
+    problem: str
+    key: str
+
+
+def read_sweep_file(path: Path) -> SweepFile:
+    """Read the YAML file of a sweep.
+
+    Raises:
+        InputFileError: it is missing or unreadable, a key is unknown, or a value has the wrong type.
+    """
+    try:
+        return SweepFile(**read_yaml(path))
+    except ValidationError as error:
+        complaint = error.errors()[0]
+        key = ".".join(str(part) for part in complaint["loc"])
+        known = ", ".join(SweepFile.__annotations__)
+        expected = f"the file of a sweep, with keys among {known}"
+        raise InputFileError(path, f"{key}: {complaint['msg']}", expected) from None
+
+
+def parse_grid(text: str) -> tuple[str, tuple[Any, ...]]:
+    """Return key and values of an option such as ``sim.inertia_scale=0.5,1,2``.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    key, equals, values = text.partition("=")
+    try:
+        parsed = yaml.safe_load(f"[{values}]")
+    except yaml.YAMLError:
+        parsed = None
+    if not key.strip() or not equals or not parsed:
+        raise ConfigError("--grid", text, "a key and values such as sim.inertia_scale=0.5,1,2")
+    return key.strip(), tuple(parsed)
+
+
+def make_plan(
+    file: SweepFile, overrides: Sequence[str] = (), grid: Sequence[str] = (), seeds: int | None = None
+) -> SweepPlan:
+    """Return the plan of a file with what the command line changes: options take the place of the file's.
+
+    Raises:
+        ConfigError: an option is malformed, or the plan makes no sense.
+    """
+    named: dict[str, tuple[Any, ...]] = {}
+    for key, values in map(parse_grid, grid):
+        if key in named:
+            raise ConfigError(key, list(values), "each key in one grid", "--grid")
+        named[key] = values
+    return SweepPlan(
+        overrides=(*_assignments(file.set), *overrides),
+        cases={name: _assignments(values) for name, values in file.cases.items()},
+        grid={**{key: tuple(values) for key, values in file.grid.items()}, **named},
+        seeds=file.seeds if seeds is None else seeds,
+        map=file.map,
+    )
+
+
+def lay_out(config_file: Path, plan: SweepPlan) -> list[SweepPoint]:
+    """Return all points, each with its configuration resolved and checked.
+
+    A value that is right beside some values of the other grids and wrong beside others gives points with a
+    problem. One that is right nowhere is a mistake.
+
+    Raises:
+        InputFileError: a file is missing or unreadable.
+        ConfigError: a key is unknown, or a value of a grid fits no point.
+    """
+    cases: list[tuple[str | None, tuple[str, ...]]] = list(plan.cases.items()) or [(None, ())]
+    points: list[SweepPoint] = []
+    errors: dict[str, ConfigError] = {}
+    fits: set[str] = set()
+    for (case, changes), values in itertools.product(cases, itertools.product(*plan.grid.values())):
+        asked = dict(zip(plan.grid, values, strict=True))
+        grid = _assignments(asked)
+        # What to blame if it never fits: first the values of the grid, then the case.
+        parts = [*(f"--grid {text}" for text in grid), f"case {case}"]
+        try:
+            config = load_config(config_file, [*plan.overrides, *changes, *grid])
+        except ConfigError as error:
+            for part in parts:
+                errors.setdefault(part, error)
+            points.append(_impossible(case, asked, error))
+            continue
+        fits.update(parts)
+        points += _with_seeds(case, config, plan)
+    for part, first in errors.items():
+        if part not in fits:
+            source = first.source if part == "case None" else part
+            raise ConfigError(first.key, first.value, first.expected, source)
+    return points
+
+
+def _impossible(case: str | None, asked: Mapping[str, Any], error: ConfigError) -> SweepPoint:
+    labels = {**_case_label(case), **asked, "seed": asked.get("seed")}
+    # Without its source: that would be the option that a value was passed on by, not where it came from.
+    problem = str(ConfigError(error.key, error.value, error.expected))
+    return SweepPoint(labels, None, problem, hash_of(labels))
+
+
+def _with_seeds(case: str | None, config: Config, plan: SweepPlan) -> Iterator[SweepPoint]:
+    for seed in range(config.seed, config.seed + plan.seeds):
+        seeded = replace(config, seed=seed)
+        resolved = flat_values(seeded)
+        labels = {**_case_label(case), **{key: resolved[key] for key in plan.grid}, "seed": seed}
+        yield SweepPoint(labels, seeded, "", config_hash(seeded))
+
+
+def config_hash(config: Config) -> str:
+    """Return what names a result: equal for equal configurations that read equal files, wherever these lie.
+
+    Raises:
+        InputFileError: a file that the configuration names cannot be read.
+    """
+    values = {key: value for key, value in flat_values(config).items() if key not in _NOT_HASHED}
+    for key in _FILE_KEYS:
+        if values[key]:
+            values[key] = _file_hash(Path(values[key]))
+    return hash_of({"tel_ros": __version__, **values})
+
+
+def _file_hash(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputFileError(path, f"not readable ({error.strerror})", "a file") from None
+
+
+def hash_of(values: Any) -> str:
+    """Return a short name for plain values, the same for equal ones."""
+    text = json.dumps(values, sort_keys=True)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
+
+
+def _assignments(values: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(f"{key}={json.dumps(value)}" for key, value in values.items())
+
+
+def _case_label(case: str | None) -> dict[str, Any]:
+    return {} if case is None else {CASE: case}
