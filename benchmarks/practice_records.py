@@ -1,0 +1,115 @@
+"""What benchmarks keep of practised trials, and how demanding a movement is by the exact model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from sim_bridge.exact_model import ExactInverseDynamics
+from sim_bridge.offline import OfflineArm, OfflineTrial, PractisedTrial
+from tel_ros.core.config import ArmConfig, Config
+from tel_ros.core.control.records import Outcome, Phase, TrialGoal, TrialReport
+from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.trajectories.paths import Path
+from tel_ros.core.trajectories.sampling import sample
+
+_SLOWEST_S = 60.0
+_POINTS = 400
+
+
+@dataclass(frozen=True)
+class TrialRecord:
+    """One trial of a practice run.
+
+    Args:
+        duration_s: of the movement.
+        rms_rad: tracking error, also of a trial that was aborted.
+        expected_rms_rad: what the strategy expected; NaN if nothing.
+        excursion_rad: largest deviation of a joint from its path, the braking after an abort included.
+        completed: whether the trial came to its end.
+        saturated: share of the commands that were clipped.
+        went_back_to: trial whose network was taken up again before this one; None: no going back.
+        reason: why this trial was made.
+        message: why it was aborted; empty otherwise.
+    """
+
+    duration_s: float
+    rms_rad: float
+    expected_rms_rad: float
+    excursion_rad: float
+    completed: bool
+    saturated: float
+    went_back_to: int | None
+    reason: str
+    message: str
+
+
+def record(practised: PractisedTrial) -> TrialRecord:
+    """Return what is kept of a trial."""
+    plan, report = practised.plan, practised.trial.report
+    return TrialRecord(
+        duration_s=report.duration_s,
+        rms_rad=report.rms_error_rad,
+        expected_rms_rad=plan.expected_rms_rad,
+        excursion_rad=excursion_rad(practised.trial),
+        completed=report.outcome == Outcome.COMPLETED,
+        saturated=report.saturated_ratio,
+        went_back_to=plan.go_back_to,
+        reason=plan.reason,
+        message=report.message,
+    )
+
+
+def excursion_rad(trial: OfflineTrial) -> float:
+    """Return the largest deviation of a joint from its path in RUN and while braking after it.
+
+    While it brakes, the deviation is that from where the arm should have been when the trial was stopped.
+    """
+    n_joints = trial.position_rad.shape[1]
+    running = np.flatnonzero(trial.phase == Phase.RUN)
+    if len(running) == 0:
+        return 0.0
+    last = running[-1]
+    error = np.abs(trial.position_rad[running] - trial.desired[running, :n_joints])
+    braking = last + 1 + np.flatnonzero(trial.phase[last + 1 :] == Phase.STOP)
+    beyond = np.abs(trial.position_rad[braking] - trial.desired[last, :n_joints])
+    return float(max(error.max(), beyond.max(initial=0.0)))
+
+
+def effort_share(arm: ArmConfig, exact: ExactInverseDynamics, path: Path, duration_s: float) -> float:
+    """Return the largest share of an effort limit that following a path exactly needs."""
+    desired = sample(path, duration_s, _POINTS / duration_s)
+    offset_rad = exact.predict(query_inputs(desired, 0.0))
+    effort_nm = (
+        np.array(arm.stiffness_nm_per_rad) * offset_rad
+        - np.array(arm.damping_nms_per_rad) * desired.velocity_rad_s
+    )
+    return float(np.max(np.abs(effort_nm) / np.array(arm.effort_limit_nm)))
+
+
+def fastest_by_speed_s(arm: ArmConfig, path: Path, speed_share: float) -> float:
+    """Return the duration at which a path needs that share of a joint's speed limit."""
+    velocity_rad_s = sample(path, 1.0, _POINTS).velocity_rad_s
+    return float(np.max(np.abs(velocity_rad_s) / np.array(arm.velocity_limit_rad_s))) / speed_share
+
+
+def duration_at_effort_share(
+    arm: ArmConfig, exact: ExactInverseDynamics, path: Path, share: float, fastest_s: float
+) -> float:
+    """Return the duration at which a path needs that share of an effort limit, but at least ``fastest_s``."""
+    if effort_share(arm, exact, path, fastest_s) <= share:
+        return fastest_s
+    return float(
+        brentq(lambda t: effort_share(arm, exact, path, t) - share, fastest_s, _SLOWEST_S, xtol=1e-4)
+    )
+
+
+def exact_trial(config: Config, path: Path, duration_s: float) -> TrialReport:
+    """Return how a movement goes with the exact model: what is left is not for a learner to mend."""
+    desired = sample(path, duration_s, config.control.rate_hz)
+    exact = ExactInverseDynamics(config, config.sim)
+    offset_rad = exact.predict(query_inputs(desired, 1.0 / config.control.rate_hz))
+    with OfflineArm(config) as arm:
+        return arm.run_trial(TrialGoal(1, 1.0, desired, desired.position_rad + offset_rad)).report
