@@ -1,0 +1,136 @@
+"""What a method achieved on one arm, and the columns by which methods are compared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """How one trial went.
+
+    Args:
+        duration_s: of the movement.
+        completed: False if it was aborted.
+        rms_error_rad: of the joints, measured minus desired; of an aborted trial as far as it went.
+        max_error_rad: likewise. Both are NaN if the movement did not begin.
+        arm_s: how long the arm was busy with it, approach and coming to rest included.
+    """
+
+    duration_s: float
+    completed: bool
+    rms_error_rad: float
+    max_error_rad: float
+    arm_s: float
+
+
+@dataclass(frozen=True)
+class MethodRun:
+    """Practice with one method on one arm, and what it could do afterwards.
+
+    Args:
+        method: its name.
+        seed: of the arm, its noise and the new path.
+        goal_duration_s: of the movement that was wanted.
+        tolerance_rad: RMS error at that duration that counts as having learned it.
+        trials: the trials of practice.
+        final: one more trial of the movement with what was learned.
+        new_path: a trial of a movement that was never practised; None if the method has no command for it.
+        cpu_s: processor time that simulation and learning took.
+        message: how practice ended, if there is something to say.
+    """
+
+    method: str
+    seed: int
+    goal_duration_s: float
+    tolerance_rad: float
+    trials: tuple[TrialResult, ...]
+    final: TrialResult
+    new_path: TrialResult | None
+    cpu_s: float
+    message: str = ""
+
+    @property
+    def arm_s(self) -> float:
+        """How long the arm was busy altogether."""
+        tests = (self.final,) if self.new_path is None else (self.final, self.new_path)
+        return _busy_s(*self.trials, *tests)
+
+    @property
+    def trials_to_tolerance(self) -> float:
+        """Number of the first trial at the goal speed that was within the tolerance; inf if none was."""
+        for number, trial in enumerate(self.trials, 1):
+            # A duration is rounded up to a whole number of control periods.
+            at_goal = trial.completed and math.isclose(trial.duration_s, self.goal_duration_s, rel_tol=1e-3)
+            if at_goal and trial.rms_error_rad <= self.tolerance_rad:
+                return number
+        return math.inf
+
+    @property
+    def arm_s_to_tolerance(self) -> float:
+        """Time of the arm until the end of that trial; inf if there was none."""
+        number = self.trials_to_tolerance
+        if math.isinf(number):
+            return math.inf
+        return _busy_s(*self.trials[: int(number)])
+
+    @property
+    def final_error_rad(self) -> float:
+        """RMS error of the movement after practice; inf if it was aborted."""
+        return _error(self.final)
+
+    @property
+    def largest_deviation_rad(self) -> float:
+        """Largest deviation of any joint in any trial of practice.
+
+        A trial that was aborted before the movement began has none.
+        """
+        known = [trial.max_error_rad for trial in self.trials if not math.isnan(trial.max_error_rad)]
+        return max(known, default=math.nan)
+
+    @property
+    def aborts(self) -> float:
+        """Number of trials of practice that were aborted."""
+        return sum(not trial.completed for trial in self.trials)
+
+    @property
+    def new_path_error_rad(self) -> float:
+        """RMS error of the new movement; inf if it was aborted, NaN if there is no command for it."""
+        return math.nan if self.new_path is None else _error(self.new_path)
+
+
+def _busy_s(*trials: TrialResult) -> float:
+    return math.fsum(trial.arm_s for trial in trials)
+
+
+def _error(trial: TrialResult) -> float:
+    return trial.rms_error_rad if trial.completed else math.inf
+
+
+@dataclass(frozen=True)
+class Column:
+    """A figure of merit; less is better.
+
+    Args:
+        key: for files.
+        title: for tables.
+        value: of a run.
+        in_mrad: whether it is an angle in rad, to be shown in mrad.
+    """
+
+    key: str
+    title: str
+    value: Callable[[MethodRun], float]
+    in_mrad: bool = False
+
+
+COLUMNS = (
+    Column("trials_to_tolerance", "trials to tolerance", lambda run: run.trials_to_tolerance),
+    Column("arm_s_to_tolerance", "arm seconds to tolerance", lambda run: run.arm_s_to_tolerance),
+    Column("final_error_rad", "final RMS error", lambda run: run.final_error_rad, in_mrad=True),
+    Column("largest_deviation_rad", "largest deviation", lambda run: run.largest_deviation_rad, in_mrad=True),
+    Column("aborts", "aborts", lambda run: run.aborts),
+    Column("new_path_error_rad", "RMS error on a new path", lambda run: run.new_path_error_rad, in_mrad=True),
+)
