@@ -40,8 +40,8 @@ help:  ## this list
 setup:  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
 	@flock Makefile $(MAKE) --silent --no-print-directory $(INTERFACES)
 
-demo: setup  ## 15 practice trials of the simulated arm
-	$(VENV)/bin/tel practice config/paper.yaml
+demo: setup  ## the simulated arm practises until it is fast
+	$(VENV)/bin/tel practice config/planar_arm.yaml
 
 test: setup  ## all tests
 	$(VENV)/bin/python -m pytest

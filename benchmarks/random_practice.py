@@ -44,7 +44,7 @@ from tel_ros.recording.new_network import learner_context
 
 ROOT = Path(__file__).parents[1]
 
-PROTOCOL = ("practice.strategy=adaptive_extension", "control.settle_time_s=0.5")
+PROTOCOL = ("practice.strategy=adaptive_extension",)
 """What is changed in the configuration. Random arms are heavier and swing more slowly than the default one:
 in 0.2 s they are not yet seen to move at the turning point of a swing."""
 RANGE_MARGIN_RAD = 0.3

@@ -35,7 +35,7 @@ class Run:
 
 DIRECT = ("practice.strategy=direct", "practice.on_abort=continue")
 RUNS = (
-    Run("solved trees, rising speed", "planar_arm.yaml"),
+    Run("solved trees, rising speed", "planar_arm.yaml", ("practice.strategy=trajectory_extension",)),
     Run("LMS trees, rising speed", "paper.yaml"),
     Run(
         "narrow Gaussians, goal speed at once",
@@ -68,7 +68,7 @@ class Measured:
     fitted: TheoryEstimate
     true: TheoryEstimate
     network: TheoryEstimate
-    message: str | None
+    message: str
 
 
 def measure(run: Run) -> list[Measured]:

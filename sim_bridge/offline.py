@@ -19,6 +19,8 @@ from sim_bridge.arm import SimulatedArm
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
+from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.record import learning_record
@@ -26,9 +28,9 @@ from tel_ros.core.learning.signals import TrialSignals, configured_samples
 from tel_ros.core.learning.std_along import std_along
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
+from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
@@ -47,6 +49,7 @@ class OfflineTrial:
         velocity_rad_s: as measured. Shape (n, n_joints).
         effort_nm: as commanded. Shape (n, n_joints).
         saturated: whether the effort was clipped. Shape (n, n_joints).
+        springs: those of the trial, if they were not the configured ones.
     """
 
     report: TrialReport
@@ -58,6 +61,7 @@ class OfflineTrial:
     velocity_rad_s: FloatArray
     effort_nm: FloatArray
     saturated: BoolArray
+    springs: SpringChange | None = None
 
     @property
     def signals(self) -> TrialSignals:
@@ -67,7 +71,9 @@ class OfflineTrial:
             phase=self.phase,
             desired=self.desired,
             position_rad=self.position_rad,
-            equilibrium_rad=self.equilibrium_rad,
+            equilibrium_rad=learned_equilibrium(
+                self.springs, self.equilibrium_rad, self.position_rad, self.velocity_rad_s
+            ),
             saturated=self.saturated,
         )
 
@@ -134,7 +140,8 @@ class OfflineArm:
             ticks.append(tick)
             arm.step(tick.effort_nm.tolist())
         assert controller.report is not None
-        return _trial(controller.report, states, ticks)
+        change = SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None
+        return _trial(controller.report, states, ticks, change)
 
     def replace_arm(self, sim: SimConfig) -> None:
         """Go on with another arm, as when a payload is put on between two trials.
@@ -190,13 +197,14 @@ class OfflinePractice:
         config: as for a run of the ROS graph.
         path: the configured path.
         learner: what it begins with.
+        known_path: the path at shape 0; None if the shape does not vary.
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
         ConfigError: a value does not fit the URDF.
     """
 
-    def __init__(self, config: Config, path: Path, learner: Learner) -> None:
+    def __init__(self, config: Config, path: Path, learner: Learner, known_path: Path | None = None) -> None:
         self.learner = learner
         """As it is after the last trial; may be replaced between trials."""
         self.arm = OfflineArm(config)
@@ -204,6 +212,7 @@ class OfflinePractice:
         """How the last call of :meth:`run` ended."""
         self._config = config
         self._path = path
+        self._known_path = known_path
         self._learner_after = {0: learner}
 
     def __enter__(self) -> Self:
@@ -242,26 +251,33 @@ class OfflinePractice:
         return done
 
     def forecast(self, movement: Movement) -> Forecast:
-        """Return what the learner expects of a movement."""
-        desired = forecast_trajectory(self._path, movement)
+        """Return what the learner expects of a movement.
+
+        Raises:
+            ConfigError: its shape varies, and no path is known.
+        """
+        desired = forecast_trajectory(self._path, self._known_path, movement)
         inputs = self._inputs(desired)
-        return forecast_of(
-            desired, self.learner.predict(inputs), std_along(self.learner, inputs), self._config.arm
-        )
+        offset_rad, std_rad = self.learner.predict(inputs), std_along(self.learner, inputs)
+        return forecast_of(desired, offset_rad, std_rad, self._config.arm, movement)
 
     def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
         """Ask the learner for the commands, execute them and let it learn.
 
         Raises:
+            ConfigError: the shape varies, and no path is known; nothing has moved.
             TrajectoryError: the arm must not follow this trajectory; nothing has moved.
             SimulationError: the simulation was closed, or is no longer finite.
             TrainingError: the trial cannot be learned from; the learner stays as it was.
         """
         if plan.go_back_to is not None:
             self.learner = self._learner_after[plan.go_back_to]
-        desired = sample(self._path, plan.movement.duration_s, self._config.control.rate_hz)
-        offset_rad = self.learner.predict(self._inputs(desired))
-        goal = TrialGoal(plan.index, plan.alpha, desired, desired.position_rad + offset_rad)
+        desired = desired_trajectory(
+            self._path, self._known_path, plan.movement, self._config.control.rate_hz
+        )
+        equilibrium_rad = desired.position_rad + self.learner.predict(self._inputs(desired))
+        asked = command(self._config.arm, plan.movement, desired, equilibrium_rad)
+        goal = TrialGoal(plan.index, plan.alpha, desired, asked.equilibrium_rad, asked.springs)
         trial = self.arm.run_trial(goal)
         training = self._learn(trial) if self._is_worth_learning_from(trial.report) else None
         self._learner_after[plan.index] = self.learner
@@ -275,14 +291,21 @@ class OfflinePractice:
             return True
         return self._config.practice.on_abort == "continue" and report.run_ns > 0
 
-    def _learn(self, trial: OfflineTrial) -> TrainingOutcome:
+    def _learn(self, trial: OfflineTrial) -> TrainingOutcome | None:
         learning = self._config.learning
-        samples = configured_samples(trial.signals, learning)
-        self.learner, training = self.learner.trained_on(samples, learning.training)
+        try:
+            samples = configured_samples(trial.signals, learning)
+            self.learner, training = self.learner.trained_on(samples, learning.training)
+        except TrainingError:
+            if trial.report.outcome == Outcome.COMPLETED:
+                raise
+            return None  # an abort may leave too little to learn from
         return training
 
 
-def _trial(report: TrialReport, states: list[ArmState], ticks: list[Tick]) -> OfflineTrial:
+def _trial(
+    report: TrialReport, states: list[ArmState], ticks: list[Tick], springs: SpringChange | None
+) -> OfflineTrial:
     def column(name: str) -> FloatArray:
         return np.array([getattr(tick, name) for tick in ticks])
 
@@ -300,4 +323,5 @@ def _trial(report: TrialReport, states: list[ArmState], ticks: list[Tick]) -> Of
         velocity_rad_s=np.array([state.velocity_rad_s for state in states]),
         effort_nm=column("effort_nm"),
         saturated=column("saturated").astype(bool),
+        springs=springs,
     )

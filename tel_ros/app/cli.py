@@ -12,6 +12,7 @@ import click
 from rich.console import Console
 
 from tel_ros import __version__
+from tel_ros.app.compare_command import compare
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -20,6 +21,7 @@ from tel_ros.app.errors import (
     GraphError,
     NodeDiedError,
 )
+from tel_ros.app.sweep_command import sweep
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
@@ -31,15 +33,17 @@ _OUT = Console()
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tel")
 def main() -> None:
-    r"""Robot arms that get better at a movement by practice.
+    """Robot arms that get better at a movement by practice.
 
     \b
     tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
     tel report bags/RUN                 its report, again
+    tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
+    tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
 
     Exit codes: 0 done, 1 the final trial did not complete, 2 wrong input (nothing moved), 3 the node graph
     failed, 130 interrupted.
-    """
+    """  # noqa: D301 - click wants the character, not its name
 
 
 @main.command()
@@ -95,6 +99,10 @@ def practice(
         _end(result.message, EXIT_GRAPH_FAILED, folder)
     if result.outcome != "completed":
         _end(result.message, EXIT_NOT_COMPLETED, folder)
+
+
+main.add_command(compare)
+main.add_command(sweep)
 
 
 @main.command()

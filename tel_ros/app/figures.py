@@ -14,11 +14,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from tel_ros.app.figure_export import BLUE, FAINT, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, SOFT
 from tel_ros.app.hand_path import drawing_plane, hand_path
-from tel_ros.app.report_data import DrawnTrial, TrialSummary
+from tel_ros.app.report_data import DrawnTrial
 from tel_ros.app.report_text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import BoolArray, FloatArray
@@ -99,11 +99,11 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
     ]
     if not all(panel.completed for panel in panels):
         handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
-    _legend_below(figure, "compressed", [handles])
+    legend_below(figure, "compressed", [handles])
     return figure
 
 
-def _legend_below(
+def legend_below(
     figure: Figure, layout: Literal["constrained", "compressed"], rows: Sequence[Sequence[Artist]]
 ) -> None:
     """Put a legend under the axes, row by row.
@@ -158,63 +158,6 @@ def _draw_path(axes: Axes, panel: PathPanel) -> None:
     axes.set_title(panel.title, linespacing=1.4)
 
 
-def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
-    """Return tracking error, training error and duration over the trials of a run."""
-    figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
-    tracking, training, duration = figure.subplots(1, 3)
-    rms = [t.rms_error_rad for t in trials]
-    peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
-    before = [t.training_rms_before_rad for t in trials]
-    after = [t.training_rms_after_rad for t in trials]
-    _over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
-    tracking.set(title="Tracking error", ylabel="error [rad]")
-    _over_trials(
-        training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
-    )
-    training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
-    _over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
-    duration.set(title="Duration of the movement", ylabel="duration [s]")
-    duration.set_ylim(bottom=0.0)
-    if not all(trial.completed for trial in trials):
-        mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
-        _legend_below(figure, "constrained", [[mark]])
-    return figure
-
-
-def _over_trials(
-    axes: Axes,
-    trials: Sequence[TrialSummary],
-    series: Sequence[tuple[Sequence[float], str, str, str]],
-    *,
-    log: bool,
-) -> None:
-    """Draw series of (values, label, colour, marker) over the numbers of the trials."""
-    numbers = [trial.index for trial in trials]
-    for trial in trials:
-        if not trial.completed:
-            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
-    for values, label, colour, marker in series:
-        axes.plot(
-            numbers, values, color=colour, marker=marker, markersize=3.6, linewidth=1.0, label=label or None
-        )
-    known = [value for values, *_ in series for value in values if math.isfinite(value)]
-    if log and any(value > 0.0 for value in known):
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-    if not known:
-        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
-        axes.set_yticks([])
-    axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
-    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
-    axes.set_xlabel("trial")
-    axes.grid(axis="y")
-    axes.set_axisbelow(True)
-    if known and any(label for _, label, *_ in series):
-        axes.legend(loc="best")
-
-
 def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm: Sequence[float]) -> Figure:
     """Return the commanded effort of each joint over the time of a movement, with limits and clipping.
 
@@ -238,7 +181,7 @@ def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm:
         handles.append(Line2D([], [], color=SOFT, linestyle="--", linewidth=0.9, label="limit"))
     if clipped:
         handles.append(Line2D([], [], color=PURPLE, linewidth=4.0, alpha=0.55, label="clipped at the limit"))
-    _legend_below(figure, "constrained", [handles])
+    legend_below(figure, "constrained", [handles])
     return figure
 
 
@@ -271,7 +214,7 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
     rows = [handles]
     if banded:
         rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=_BAND_LABEL)])
-    _legend_below(figure, "constrained", rows)
+    legend_below(figure, "constrained", rows)
     return figure
 
 

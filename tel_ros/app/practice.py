@@ -18,16 +18,16 @@ from tel_interfaces.action import Practice
 
 from tel_ros.app.bring_up import NodeProcesses, node_names
 from tel_ros.app.errors import GraphError
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.limits import Limits
 from tel_ros.core.control.records import TrialGoal
 from tel_ros.core.errors import ConfigError, TrajectoryError
+from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
-from tel_ros.core.trajectories.sampling import sample
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
-from tel_ros.recording.waypoint_file import load_path
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
@@ -44,20 +44,26 @@ def check_before_moving(config: Config) -> None:
         InputFileError: the file of waypoints is missing or malformed.
     """
     new_network(config)
-    path = load_path(config.path, config.arm)
+    path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
     limits = Limits.of(config.arm, config.control.corridor_rad)
-    for duration_s in sorted({movement.duration_s for movement in make_strategy(config).outlook()}):
-        desired = sample(path, duration_s, config.control.rate_hz)
-        goal = TrialGoal(1, 1.0, desired, desired.position_rad)
+    for movement in dict.fromkeys(make_strategy(config).outlook()):
+        desired = desired_trajectory(path, known_path, movement, config.control.rate_hz)
+        asked = command(config.arm, movement, desired, desired.position_rad)
+        goal = TrialGoal(1, 1.0, desired, asked.equilibrium_rad, asked.springs)
         try:
             limits.check_goal(goal, config.control.settle_speed_rad_s)
         except TrajectoryError as error:
-            key, value = (
-                ("path.file", config.path.file) if config.path.file else ("path.name", config.path.name)
-            )
+            key, value = _path_of(config.path, known=movement.shape == 0.0)
             raise ConfigError(
-                key, value, f"a path that the arm can follow in {duration_s} s: {error}"
+                key, value, f"a path that the arm can follow in {movement.duration_s} s: {error}"
             ) from None
+
+
+def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
+    """Return the key that names a path, and what it says."""
+    name, file = ("known_name", "known_file") if known else ("name", "file")
+    key = file if getattr(path, file) else name
+    return f"path.{key}", getattr(path, key)
 
 
 def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.Result:

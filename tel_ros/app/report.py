@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tel_ros import __version__
 from tel_ros.app import report_text
 from tel_ros.app.report_data import RunData, read_run
+from tel_ros.app.report_theory import RunTheory, run_theory
 from tel_ros.core.errors import InputFileError, TelError
 from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE, write_atomically
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
@@ -68,7 +69,9 @@ def write_report(folder: Path) -> Path:
     )
     file = folder / REPORT_FILE
     try:
-        page = environment.get_template(_TEMPLATE).render(_content(run, _figures(run)), text=report_text)
+        theory = run_theory(run)
+        content = _content(run, theory, _figures(run) | {"theory": _theory_figure(run, theory)})
+        page = environment.get_template(_TEMPLATE).render(content, text=report_text)
         write_atomically(file, page + "\n")
     except OSError as error:
         raise InputFileError(
@@ -77,7 +80,7 @@ def write_report(folder: Path) -> Path:
     return file
 
 
-def _content(run: RunData, figures: dict[str, ReportFigure]) -> dict[str, Any]:
+def _content(run: RunData, theory: RunTheory, figures: dict[str, ReportFigure]) -> dict[str, Any]:
     from tel_ros.app.figure_export import PALETTE
 
     written = datetime.fromtimestamp((run.folder / SUMMARY_FILE).stat().st_mtime).astimezone()
@@ -86,6 +89,7 @@ def _content(run: RunData, figures: dict[str, ReportFigure]) -> dict[str, Any]:
         "name": run.folder.resolve().name,
         "joints": run.config.arm.joints,
         "figures": figures,
+        "theory": theory,
         "palette": PALETTE,
         "date": f"{written:%Y-%m-%d %H:%M}",
         "configuration": (run.folder / CONFIG_FILE).read_text(encoding="utf-8"),
@@ -96,14 +100,14 @@ def _content(run: RunData, figures: dict[str, ReportFigure]) -> dict[str, Any]:
 
 def _figures(run: RunData) -> dict[str, ReportFigure]:
     """Draw the figures and write them as PNG, too."""
-    from tel_ros.app import figures
+    from tel_ros.app import figures, trial_figures
 
     arm = run.config.arm
     made = {
         "practice": _make(
             run.folder,
             "practice",
-            lambda: figures.practice_figure(run.trials),
+            lambda: trial_figures.practice_figure(run.trials),
             "Errors and durations of all trials. Tracking error: measured minus desired joint position, over "
             "all joints. Training error: what the network gets wrong about the commands of the trial just "
             "done, before and after it has learned from it.",
@@ -138,6 +142,22 @@ def _figures(run: RunData) -> dict[str, ReportFigure]:
             report_text.tracking_caption(run.drawn),
         ),
     }
+
+
+def _theory_figure(run: RunData, theory: RunTheory) -> ReportFigure:
+    from tel_ros.app import trial_figures
+
+    if not theory.estimates:
+        return _missing(run.folder, "theory", theory.missing)
+    return _make(
+        run.folder,
+        "theory",
+        lambda: trial_figures.theory_figure(theory.trials, theory.estimates),
+        "What the paper's theorems speak of. Left: the command error that the tracking error comes from, "
+        "which on an arm can only be estimated, and what Theorem 3 allows a step in speed to add to it. "
+        "Right: training helps for certain only where k_R is below 1. Near 1 the network is taught where the "
+        "arm goes, not where it should go. " + theory.missing,
+    )
 
 
 def _make(folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> ReportFigure:

@@ -42,6 +42,10 @@ class TrialSummary:
     message: str
     bag: str | None
     wall_s: float
+    reason: str = ""
+    warning: str = ""
+    went_back_to: int | None = None
+    expected_rms_rad: float = math.nan
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> TrialSummary:
@@ -67,12 +71,22 @@ class TrialSummary:
             message=str(row["message"]),
             bag=None if row["bag"] is None else str(row["bag"]),
             wall_s=_number(row["wall_s"]),
+            # Runs of earlier versions do not have these.
+            reason=str(row.get("reason") or ""),
+            warning=str(row.get("warning") or ""),
+            went_back_to=row.get("went_back_to"),
+            expected_rms_rad=_number(row.get("expected_rms_rad")),
         )
 
     @property
     def completed(self) -> bool:
         """Whether the trial ran to its end."""
         return self.outcome == Outcome.COMPLETED.name.lower()
+
+    @property
+    def was_learned_from(self) -> bool:
+        """Whether the network was trained on it."""
+        return math.isfinite(self.training_rms_after_rad)
 
     @property
     def reached_run(self) -> bool:
@@ -130,6 +144,17 @@ class RunData:
     trials: tuple[TrialSummary, ...]
     drawn: tuple[DrawnTrial, ...]
     notes: tuple[str, ...]
+
+    @property
+    def decides(self) -> bool:
+        """Whether the strategy gave reasons for its trials."""
+        return any(trial.reason for trial in self.trials)
+
+    @property
+    def varies_speed_alone(self) -> bool:
+        """Whether all trials are the same movement but for its speed."""
+        practice = self.config.practice
+        return practice.strategy != "subtasks" and tuple(practice.vary) == ("speed",)
 
 
 def read_run(folder: Path) -> RunData:

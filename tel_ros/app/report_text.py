@@ -34,7 +34,7 @@ def run_line(run: RunData) -> str:
     arm = f"{config.arm.name} ({'simulated' if config.run.arm == 'sim' else 'external'} arm)"
     path = config.path.name or config.path.file.rpartition("/")[2]
     strategy = config.practice.strategy.replace("_", " ")
-    if config.practice.strategy != "direct":
+    if config.practice.strategy == "trajectory_extension" and not config.practice.durations_s:
         strategy += f", even steps in {config.practice.spacing}"
     learner = f"{config.learning.name} ({config.learning.weights})"
     training = f"{config.learning.training} trajectory training"
@@ -44,10 +44,13 @@ def run_line(run: RunData) -> str:
 def ending(run: RunData) -> str:
     """Return how the run ended, plainly."""
     done = sum(trial.completed for trial in run.trials)
-    planned = run.config.practice.trials
+    practice = run.config.practice
+    # A strategy that has come to its end needed no more trials than it made.
+    over = run.outcome in ("completed", "stopped")
+    planned = len(run.trials) if over else len(practice.durations_s) or practice.trials
     trials = f"{done} of {planned} {'trial' if planned == 1 else 'trials'} completed"
     if run.outcome == "completed":
-        return f"{trials}."
+        return f"{run.message.rstrip('.')}. {trials}." if run.message else f"{trials}."
     if run.outcome == "running":
         return f"The run did not come to its end (its summary still says that it is running); {trials}."
     ended = f"The run {_ENDED.get(run.outcome, f'ended as “{run.outcome}”')}"
@@ -56,7 +59,12 @@ def ending(run: RunData) -> str:
     return f"{ended}{why}. {trials}."
 
 
-_ENDED = {"aborted": "was aborted", "cancelled": "was cancelled", "failed": "failed"}
+_ENDED = {
+    "stopped": "stopped before its goal",
+    "aborted": "was aborted",
+    "cancelled": "was cancelled",
+    "failed": "failed",
+}
 
 
 def result(run: RunData) -> str:
@@ -121,6 +129,14 @@ def tracking_caption(drawn: Sequence[DrawnTrial]) -> str:
         f"error that it leads to, so about 95\N{NO-BREAK SPACE}% of the error should lie within the band. "
         f"Found within: {enumeration(shares)}."
     )
+
+
+def decision(trial: TrialSummary) -> str:
+    """Return why a trial was chosen, and with which network."""
+    if trial.went_back_to is None:
+        return trial.reason
+    network = f"the network after trial {trial.went_back_to}" if trial.went_back_to else "the first network"
+    return f"{trial.reason}, with {network}"
 
 
 def growth(trial: TrialSummary, joints: tuple[str, ...]) -> list[list[str]]:

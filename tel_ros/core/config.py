@@ -119,6 +119,10 @@ class PathConfig:
     name: str = ""
     file: str = ""
     """CSV with a header line of joint names and one row of joint angles in rad a waypoint."""
+    known_name: str = ""
+    """``practice.vary`` with ``shape``: the path to begin with, built in..."""
+    known_file: str = ""
+    """... or from a CSV like ``file``. It may start and end elsewhere."""
 
     def __post_init__(self) -> None:
         _require(
@@ -127,19 +131,37 @@ class PathConfig:
             self.name,
             f"either a name or a file (file is {self.file!r}), and not both",
         )
+        _require(
+            not (self.known_name and self.known_file),
+            "known_name",
+            self.known_name,
+            f"a name or a file (known_file is {self.known_file!r}), and not both",
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class PracticeConfig:
     """The practice strategy ([Practice] Sec. 3: 15 trials from 11.5 s to 4.5 s)."""
 
-    strategy: Literal["trajectory_extension", "adaptive_extension", "direct"] = "trajectory_extension"
-    """``adaptive_extension`` chooses its own steps. ``direct`` runs every trial at the goal speed: the
+    strategy: Literal["trajectory_extension", "adaptive_extension", "subtasks", "direct"] = (
+        "trajectory_extension"
+    )
+    """``adaptive_extension`` chooses its own steps. ``subtasks``: first the whole path slowly, then its parts
+    one by one, then the whole ([Practice] Sec. 1.2). ``direct`` runs every trial at the goal speed: the
     paper's control condition."""
     trials: int = 15
-    """How many trials; for ``adaptive_extension`` at most."""
+    """How many trials; for ``adaptive_extension`` and ``subtasks`` at most."""
+    vary: tuple[Literal["speed", "amplitude", "shape", "stiffness"], ...] = ("speed",)
+    """What goes from its first value to that of the goal, one after the other (``trajectory_extension`` and
+    ``adaptive_extension``). What is not named is as in the goal from the start."""
     first_duration_s: float = 11.5
     goal_duration_s: float = 4.5
+    first_amplitude: float = 0.3
+    """Of the path about its first posture, as a share of that of the goal."""
+    first_stiffness: float = 4.0
+    """Factor on K; B goes with its root."""
+    parts: int = 4
+    """``subtasks``: into how many pieces of equal duration the path is cut."""
     spacing: Literal["duration", "speed", "torque"] = "duration"
     """``trajectory_extension``: what goes up in even steps: duration T (the paper), speed 1/T or torque
     1/T²."""
@@ -157,6 +179,17 @@ class PracticeConfig:
         _require_choices(self)
         _require(self.trials >= 1, "trials", self.trials, "a whole number of at least 1")
         _require_positive(self, "goal_duration_s", "tolerance_rad")
+        self._check_vary()
+        _require(
+            0.0 < self.first_amplitude <= 1.0, "first_amplitude", self.first_amplitude, "above 0, up to 1"
+        )
+        _require(
+            1.0 <= self.first_stiffness < math.inf,
+            "first_stiffness",
+            self.first_stiffness,
+            "a finite factor of at least 1",
+        )
+        _require(self.parts >= 2, "parts", self.parts, "a whole number of at least 2")
         _require(
             all(self.goal_duration_s <= t < math.inf for t in self.durations_s),
             "durations_s",
@@ -175,6 +208,35 @@ class PracticeConfig:
             self.first_duration_s,
             f"a finite time of at least goal_duration_s = {self.goal_duration_s} s",
         )
+
+    def _check_vary(self) -> None:
+        choices = ("speed", "amplitude", "shape", "stiffness")
+        _require(
+            0 < len(self.vary) == len(set(self.vary)) and set(self.vary) <= set(choices),
+            "vary",
+            list(self.vary),
+            f"one or more of {', '.join(choices)}, each once",
+        )
+        only_speed = self.vary == ("speed",)
+        _require(
+            only_speed or not self.durations_s,
+            "vary",
+            list(self.vary),
+            "only speed, because durations_s is given",
+        )
+        _require(
+            only_speed or self.strategy != "subtasks",
+            "vary",
+            list(self.vary),
+            "only speed, because strategy is 'subtasks'",
+        )
+        if self.strategy == "trajectory_extension" and not only_speed:
+            _require(
+                self.trials > len(self.vary),
+                "trials",
+                self.trials,
+                f"more than the {len(self.vary)} things that vary",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,12 +304,15 @@ class ControlConfig:
     """Peak speed of the fastest joint on the way to the start posture."""
     settle_speed_rad_s: float = 0.05
     """Slower than this counts as at rest."""
-    settle_time_s: float = 0.2
+    settle_time_s: float = 0.5
     """How long the arm must be at rest before a trial runs, and before a trial counts as finished."""
     settle_timeout_s: float = 10.0
     """Not at rest after this: the trial is aborted."""
     state_timeout_s: float = 0.1
     """No new joint state for this long (wall clock) aborts the trial and commands zero effort."""
+    max_stiffness_factor: float = 10.0
+    """A trial with springs more than this many times as stiff or as damped as the arm's, or less than one in
+    this many, is refused."""
 
     def __post_init__(self) -> None:
         _require_positive(
@@ -258,6 +323,12 @@ class ControlConfig:
             "settle_speed_rad_s",
             "settle_time_s",
             "state_timeout_s",
+        )
+        _require(
+            1.0 <= self.max_stiffness_factor < math.inf,
+            "max_stiffness_factor",
+            self.max_stiffness_factor,
+            "a finite factor of at least 1",
         )
         _require(
             self.settle_time_s < self.settle_timeout_s < math.inf,
@@ -356,6 +427,7 @@ class Config:
             self.sim.command_delay_s,
             f"a whole multiple of the control period {1.0 / self.control.rate_hz:g} s",
         )
+        self._check_varied()
         for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm", "initial_position_rad"):
             values = getattr(self.sim, key)
             _require(
@@ -364,3 +436,21 @@ class Config:
                 list(values),
                 f"nothing, or one value for each of the joints {', '.join(self.arm.joints)}",
             )
+
+    def _check_varied(self) -> None:
+        practice, known = self.practice, self.path.known_name or self.path.known_file
+        varies_shape = "shape" in practice.vary
+        _require(
+            bool(known) == varies_shape,
+            "path.known_name",
+            known,
+            "a path to begin with (known_name or known_file), because practice.vary has shape"
+            if varies_shape
+            else "nothing, because practice.vary has no shape",
+        )
+        _require(
+            "stiffness" not in practice.vary or practice.first_stiffness <= self.control.max_stiffness_factor,
+            "practice.first_stiffness",
+            practice.first_stiffness,
+            f"at most control.max_stiffness_factor = {self.control.max_stiffness_factor}",
+        )

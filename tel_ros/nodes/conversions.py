@@ -14,6 +14,7 @@ from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
@@ -191,8 +192,19 @@ def to_goal_message(
     desired: DesiredTrajectory,
     equilibrium_rad: FloatArray,
     std_rad: Sequence[float] = (),
+    springs: Springs | None = None,
 ) -> TrialGoalMessage:
-    """Return the goal of a trial as a message; ``std_rad`` is flat, point by point, or empty."""
+    """Return the goal of a trial as a message.
+
+    Args:
+        trial: number of the trial.
+        alpha: practice parameter.
+        joints: names, in the order of all columns.
+        desired: y.
+        equilibrium_rad: û. Shape (n, n_joints).
+        std_rad: standard deviation of the error in û, flat, point by point; or empty.
+        springs: K and B; None: as configured.
+    """
     return TrialGoalMessage(
         trial=trial,
         alpha=alpha,
@@ -202,6 +214,8 @@ def to_goal_message(
         velocity_rad_s=to_array(desired.velocity_rad_s),
         acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
         equilibrium_rad=to_array(equilibrium_rad),
+        stiffness_nm_per_rad=to_array(springs.stiffness_nm_per_rad) if springs else (),
+        damping_nms_per_rad=to_array(springs.damping_nms_per_rad) if springs else (),
         std_rad=std_rad,
     )
 
@@ -211,7 +225,7 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
 
     Raises:
         TrajectoryError: other joints, arrays that do not fit together, or whatever
-            :class:`DesiredTrajectory` and :class:`TrialGoal` refuse.
+            :class:`DesiredTrajectory`, :class:`Springs` and :class:`TrialGoal` refuse.
     """
     columns = _columns(message.joint_names, joints)
     shape = (len(message.time_ns), len(columns))
@@ -230,7 +244,18 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
         velocity_rad_s=values("velocity_rad_s"),
         acceleration_rad_s2=values("acceleration_rad_s2"),
     )
-    return TrialGoal(message.trial, message.alpha, desired, values("equilibrium_rad"))
+    springs = None
+    if len(message.stiffness_nm_per_rad) or len(message.damping_nms_per_rad):
+        for name in ("stiffness_nm_per_rad", "damping_nms_per_rad"):
+            if len(getattr(message, name)) != len(columns):
+                raise TrajectoryError(
+                    f"{name} has {len(getattr(message, name))} values; expected {len(columns)}, one a joint, "
+                    "or none in both stiffness and damping"
+                )
+        springs = Springs(
+            np.array(message.stiffness_nm_per_rad)[columns], np.array(message.damping_nms_per_rad)[columns]
+        )
+    return TrialGoal(message.trial, message.alpha, desired, values("equilibrium_rad"), springs)
 
 
 def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult:

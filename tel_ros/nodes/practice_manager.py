@@ -28,23 +28,31 @@ from tel_interfaces.srv import (
 )
 
 from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
+from tel_ros.core.practice.lock_up import LockUpMonitor
+from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
-from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_goal_message, to_report
+from tel_ros.nodes.conversions import (
+    desired_message,
+    equilibrium_of,
+    to_array,
+    to_goal_message,
+    to_report,
+)
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.runner import run_node
-from tel_ros.nodes.waiting import NoAnswerError, call, send_goal, wait
+from tel_ros.nodes.waiting import DeclinedError, NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
 from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
 from tel_ros.recording.summary import RunSummary, TrialRow
-from tel_ros.recording.waypoint_file import load_path
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 ANSWER_TIMEOUT_S = 30.0
 SILENCE_TIMEOUT_S = 10.0
@@ -61,6 +69,7 @@ class PracticeManagerNode(Node):
             self, "arm", "path", "run", "practice", "learning", "control", "sim", "seed"
         )
         self._path = load_path(self._config.path, self._config.arm)
+        self._known_path = load_known_path(self._config.path, self._config.arm)
         group = ReentrantCallbackGroup()
         self._predict = self.create_client(PredictEquilibrium, topics.PREDICT, callback_group=group)
         self._train = self.create_client(TrainOnTrials, topics.TRAIN, callback_group=group)
@@ -74,6 +83,7 @@ class PracticeManagerNode(Node):
         self._busy = self._stopping = False
         self._stopping_since = math.inf
         self._written = self._config
+        self._lock_up = LockUpMonitor(self._config.practice.tolerance_rad)
         self._ready = threading.Event()
         self.create_subscription(Bool, topics.READY, self._on_ready, qos.LATCHED, callback_group=group)
         self._server = ActionServer(
@@ -133,6 +143,7 @@ class PracticeManagerNode(Node):
         self, goal_handle: ServerGoalHandle, folder: Path, summary: RunSummary, result: Practice.Result
     ) -> None:
         strategy = make_strategy(self._config)
+        self._lock_up = LockUpMonitor(self._config.practice.tolerance_rad)
         progress = Progress(goal_handle)
         last: TrialReport | None = None
         ending = Ending("cancelled", "the run was cancelled")
@@ -199,10 +210,18 @@ class PracticeManagerNode(Node):
     def _goal(self, plan: PlannedTrial) -> tuple[TrialGoal, str]:
         """Return the goal of a trial, and the revision of the network that has said what to command."""
         joints = self._config.arm.joints
-        desired = sample(self._path, plan.movement.duration_s, self._config.control.rate_hz)
+        movement = plan.movement
+        desired = desired_trajectory(self._path, self._known_path, movement, self._config.control.rate_hz)
         prediction = self._prediction(desired)
         equilibrium_rad = equilibrium_of(prediction.equilibrium, joints)
-        goal = to_goal_message(plan.index, plan.alpha, joints, desired, equilibrium_rad, prediction.std_rad)
+        asked = command(self._config.arm, movement, desired, equilibrium_rad)
+        # Said even if it is nothing new: a bag then tells what its efforts came from.
+        springs = asked.springs or Springs.of(self._config.arm)
+        # An error in the effort takes an error in û that is the smaller the stiffer the springs are.
+        std_rad = to_array(np.array(prediction.std_rad) / movement.stiffness)
+        goal = to_goal_message(
+            plan.index, plan.alpha, joints, desired, asked.equilibrium_rad, std_rad, springs
+        )
         return goal, prediction.revision
 
     def _prediction(self, desired: DesiredTrajectory) -> PredictEquilibrium.Response:
@@ -212,11 +231,11 @@ class PracticeManagerNode(Node):
 
     def _forecast(self, movement: Movement) -> Forecast:
         """Return what the network, as it is, expects of a movement."""
-        arm, desired = self._config.arm, forecast_trajectory(self._path, movement)
+        arm, desired = self._config.arm, forecast_trajectory(self._path, self._known_path, movement)
         prediction = self._prediction(desired)
         offset_rad = equilibrium_of(prediction.equilibrium, arm.joints) - desired.position_rad
         std_rad = np.array(prediction.std_rad).reshape(offset_rad.shape)
-        return forecast_of(desired, offset_rad, std_rad, arm)
+        return forecast_of(desired, offset_rad, std_rad, arm, movement)
 
     def _is_worth_learning_from(self, report: TrialReport) -> bool:
         if report.outcome == Outcome.COMPLETED:
@@ -228,11 +247,25 @@ class PracticeManagerNode(Node):
         )
 
     def _learn(self, row: TrialRow, bag: Path, folder: Path) -> None:
-        trained = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+        try:
+            trained = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+        except DeclinedError as error:
+            if row.report.outcome == Outcome.COMPLETED:
+                raise
+            self.get_logger().warning(f"nothing was learned from trial {row.plan.index}: {error}")
+            return  # an abort may leave too little to learn from
         row.training_rms_before_rad = trained.training_rms_before_rad
         row.training_rms_after_rad = trained.training_rms_after_rad
         row.rms_command_change_rad = trained.rms_command_change_rad
         row.grown = list(trained.grown)
+        row.warning = self._lock_up.after_trial(
+            row.plan.alpha,
+            row.report.rms_error_rad,
+            row.training_rms_before_rad,
+            row.training_rms_after_rad,
+        )
+        if row.warning:
+            self.get_logger().warning(f"trial {row.plan.index}: {row.warning}")
         self._save_network(network_after(folder, row.plan.index))
         self._save_network(folder / NETWORK_FILE)
 

@@ -20,6 +20,10 @@ class NoAnswerError(TelError):
     """Another node is not there, does not answer, or says that it failed."""
 
 
+class DeclinedError(NoAnswerError):
+    """Another node has answered that it cannot do what was asked."""
+
+
 def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] = lambda: None) -> Any:
     """Return a future's result; some other thread has to spin the node.
 
@@ -47,7 +51,8 @@ def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None
     """Call a service whose response has ``success`` and ``message``.
 
     Raises:
-        NoAnswerError: it is not there, does not answer in time, or did not succeed.
+        NoAnswerError: it is not there or does not answer in time.
+        DeclinedError: it did not succeed.
     """
     waited_s = 0.0
     while not client.service_is_ready():
@@ -58,7 +63,7 @@ def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None
         waited_s += _POLL_PERIOD_S
     response = wait(client.call_async(request), timeout_s, client.srv_name, poll)
     if not response.success:
-        raise NoAnswerError(f"{client.srv_name}: {response.message}")
+        raise DeclinedError(f"{client.srv_name}: {response.message}")
     return response
 
 

@@ -86,6 +86,7 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
         arm_path = path.parent / raw["arm"]
         raw["arm"] = read_yaml(arm_path)
     _resolve(raw, "path", "file", path.parent)
+    _resolve(raw, "path", "known_file", path.parent)
     _resolve(raw, "learning", "start_from", path.parent)
     _resolve(raw, "arm", "urdf", arm_path.parent)
     options = dict(_override(raw, assignment) for assignment in overrides)
@@ -199,9 +200,18 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         value = yaml.safe_load(text)
     except yaml.YAMLError:
         raise ConfigError(key, text, "a value in YAML", f"--set {assignment}") from None
-    if key in ("arm.urdf", "path.file", "learning.start_from") and isinstance(value, str) and value:
+    if (
+        key in ("arm.urdf", "path.file", "path.known_file", "learning.start_from")
+        and isinstance(value, str)
+        and value
+    ):
         value = str(Path(value).resolve())
-    replaced = {"path.file": "name", "path.name": "file"}.get(key)
+    replaced = {
+        "path.file": "name",
+        "path.name": "file",
+        "path.known_file": "known_name",
+        "path.known_name": "known_file",
+    }.get(key)
     if replaced and value and isinstance(raw.get("path"), dict):
         raw["path"].pop(replaced, None)
     _assign(raw, key, value, f"--set {assignment}")

@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.practice.movement_path import desired_trajectory
+from tel_ros.core.practice.strategy import movements_to_cover
 from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import load_network
-from tel_ros.recording.waypoint_file import load_path
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 
 def learner_context(config: Config) -> LearnerContext:
-    """Return what a learner is told: among it, input ranges that cover the goal movement."""
-    path = load_path(config.path, config.arm)
-    goal = sample(path, config.practice.goal_duration_s, config.control.rate_hz)
+    """Return what a learner is told: among it, input ranges that cover all that practice may ask for."""
+    path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
+    ranges = [
+        InputRange.covering(
+            desired_trajectory(path, known_path, movement, config.control.rate_hz),
+            config.learning.input_margin,
+        )
+        for movement in movements_to_cover(config.practice)
+    ]
     return LearnerContext(
         joints=config.arm.joints,
         stiffness_nm_per_rad=config.arm.stiffness_nm_per_rad,
         damping_nms_per_rad=config.arm.damping_nms_per_rad,
-        input_range=InputRange.covering(goal, config.learning.input_margin),
+        input_range=InputRange(
+            low=np.min([covered.low for covered in ranges], axis=0),
+            high=np.max([covered.high for covered in ranges], axis=0),
+        ),
         learning=config.learning,
         seed=config.seed,
         urdf=Path(config.arm.urdf).read_text(encoding="utf-8"),

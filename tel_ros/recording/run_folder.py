@@ -46,6 +46,11 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         ) from error
     urdf = Path(shutil.copy(config.arm.urdf, folder)).name
     path_file = Path(shutil.copy(config.path.file, folder)).name if config.path.file else ""
+    known_file = ""
+    if config.path.known_file:
+        # Two files of different folders may have one name.
+        known_file = f"known_{Path(config.path.known_file).name}"
+        shutil.copy(config.path.known_file, folder / known_file)
     start_from = (
         Path(shutil.copy(config.learning.start_from, folder)).name if config.learning.start_from else ""
     )
@@ -53,7 +58,7 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         config,
         learning=dataclasses.replace(config.learning, start_from=start_from),
         arm=dataclasses.replace(config.arm, urdf=urdf),
-        path=dataclasses.replace(config.path, file=path_file),
+        path=dataclasses.replace(config.path, file=path_file, known_file=known_file),
         versions=_versions(),
     )
     write_atomically(folder / CONFIG_FILE, dump_config(written))

@@ -25,6 +25,8 @@ class TrialRow:
     training_rms_after_rad: float = float("nan")
     rms_command_change_rad: float = float("nan")
     grown: list[str] = field(default_factory=list)
+    warning: str = ""
+    """What there is to say about the course of learning, e.g. that it has locked up."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the row with the keys of ``summary.json``."""
@@ -45,6 +47,7 @@ class TrialRow:
             "training_rms_before_rad": self.training_rms_before_rad,
             "training_rms_after_rad": self.training_rms_after_rad,
             "grown": self.grown,
+            "warning": self.warning,
             "outcome": report.outcome.name.lower(),
             "message": report.message,
             "bag": self.bag,

@@ -12,13 +12,16 @@ import numpy as np
 import yaml
 from rosbags.highlevel import AnyReader
 
+from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, Phase
-from tel_ros.core.errors import BagError
+from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
+from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.learning.record import learning_record
 from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, sha256
+from tel_ros.recording.config_file import config_from
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class RecordedTrial:
         command_std_rad: standard deviation that the network expected of the error in û, for the ticks of RUN
             (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
             nothing, or if the bag does not tell.
+        springs: those of the trial, if they were not the configured ones.
     """
 
     bag: Path
@@ -62,6 +66,7 @@ class RecordedTrial:
     effort_nm: FloatArray
     saturated: BoolArray
     command_std_rad: FloatArray
+    springs: SpringChange | None = None
 
     @property
     def run(self) -> BoolArray:
@@ -83,7 +88,9 @@ class RecordedTrial:
             phase=self.phase,
             desired=self.desired,
             position_rad=self.position_rad,
-            equilibrium_rad=self.equilibrium_rad,
+            equilibrium_rad=learned_equilibrium(
+                self.springs, self.equilibrium_rad, self.position_rad, self.velocity_rad_s
+            ),
             saturated=self.saturated,
         )
 
@@ -184,7 +191,29 @@ def _trial(
         effort_nm=column("effort_nm"),
         saturated=column("saturated").astype(bool),
         command_std_rad=_command_std(bag, goals[0], int(np.count_nonzero(phase == Phase.RUN))),
+        springs=_springs(bag, metadata, goals[0], tuple(result.joint_names)),
     )
+
+
+def _springs(
+    bag: Path, metadata: Mapping[str, str], goal: Any, joints: tuple[str, ...]
+) -> SpringChange | None:
+    """Return the springs that came with the goal, and those of the configuration that is stored with them."""
+    # Bags from before goals had them have no such fields.
+    stiffness = np.asarray(getattr(goal, "stiffness_nm_per_rad", ()), dtype=np.float64)
+    damping = np.asarray(getattr(goal, "damping_nms_per_rad", ()), dtype=np.float64)
+    if stiffness.size == damping.size == 0:
+        return None
+    try:
+        config: Config = config_from(yaml.safe_load(metadata["config"]))
+        columns = [list(goal.joint_names).index(joint) for joint in joints]
+        used, configured = Springs(stiffness[columns], damping[columns]), Springs.of(config.arm)
+        if config.arm.joints != joints:
+            raise ValueError(f"its configuration is for the joints {', '.join(config.arm.joints)}")
+    except (TelError, yaml.YAMLError, KeyError, ValueError, IndexError, TypeError) as error:
+        found = f"does not tell how stiff its springs were ({error})"
+        raise BagError(bag, found, "K and B for each joint, and the configuration in the metadata") from None
+    return None if used.equal(configured) else SpringChange(used, configured)
 
 
 def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:

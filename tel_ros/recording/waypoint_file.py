@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tel_ros.core.config import ArmConfig, PathConfig
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.paths import named_path, waypoint_path
 from tel_ros.core.types import FloatArray
@@ -28,8 +28,30 @@ def load_path(path: PathConfig, arm: ArmConfig) -> JointPath:
     return waypoint_path(file.stem, read_waypoints(file, arm.joints))
 
 
-def read_waypoints(file: Path, joints: tuple[str, ...]) -> FloatArray:
+def load_known_path(path: PathConfig, arm: ArmConfig) -> JointPath | None:
+    """Return the path that practice begins with where the shape is varied; None if there is none.
+
+    Raises:
+        ConfigError, InputFileError: as :func:`load_path`.
+    """
+    if path.known_name:
+        try:
+            return named_path(path.known_name, len(arm.joints))
+        except ConfigError as error:
+            raise ConfigError("path.known_name", error.value, error.expected) from None
+    if path.known_file:
+        file = Path(path.known_file)
+        return waypoint_path(file.stem, read_waypoints(file, arm.joints, "path.known_file"))
+    return None
+
+
+def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") -> FloatArray:
     """Read waypoints: a header line with the joints' names in any order, then one row a waypoint, in rad.
+
+    Args:
+        file: to read.
+        joints: names, in the order of the columns that are returned.
+        key: of the configuration, for messages.
 
     Returns:
         Shape (n, n_joints), columns in the order of ``joints``.
@@ -45,7 +67,7 @@ def read_waypoints(file: Path, joints: tuple[str, ...]) -> FloatArray:
         reason = (
             "there is no such file" if isinstance(error, FileNotFoundError) else f"not readable ({error})"
         )
-        raise InputFileError(file, reason, "a CSV of waypoints (key path.file)") from error
+        raise InputFileError(file, reason, f"a CSV of waypoints (key {key})") from error
     header = [name.strip() for name in rows[0][1]] if rows else []
     if sorted(header) != sorted(joints):
         raise InputFileError(

@@ -13,6 +13,7 @@ import numpy as np
 import sim_bridge
 from tel_ros.core.config import ArmConfig, Config, PathConfig, PracticeConfig
 from tel_ros.core.control.records import Outcome, Phase, TrialReport
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
@@ -130,6 +131,8 @@ def goal_message(trial: Trial) -> bytes:
         velocity_rad_s=np.zeros(2 * n),
         acceleration_rad_s2=np.zeros(2 * n),
         equilibrium_rad=(wanted - 0.1).ravel(),
+        stiffness_nm_per_rad=np.empty(0),
+        damping_nms_per_rad=np.empty(0),
         std_rad=np.repeat(trial.std_rad, 2),
     )
     return bytes(typestore().serialize_cdr(goal, kind))
@@ -183,7 +186,8 @@ def write_run(
         bag = trial_bag(folder, trial.index)
         report = write_bag(bag, trial)
         learned = {"training_rms_before_rad": 0.04321, "training_rms_after_rad": 0.00321}
-        row = TrialRow(report=report, bag=bag.name, wall_s=1.25)
+        plan = PlannedTrial(trial.index, report.alpha, Movement(report.duration_s))
+        row = TrialRow(plan=plan, report=report, bag=bag.name, wall_s=1.25)
         learns = trial.outcome == Outcome.COMPLETED
         summary.add(replace(row, grown=trial.grown, **learned) if learns else row)
     summary.end(outcome, message)

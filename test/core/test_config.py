@@ -25,7 +25,16 @@ NOT_POSITIVE = (0.0, -1.0, NAN, INF)
 NEGATIVE = (-1e-9, NAN, INF)
 BAD: list[tuple[type, str, Any, str]] = [
     (RunConfig, "arm", "robot", "'sim' or 'external'"),
-    (PracticeConfig, "strategy", "fast", "'trajectory_extension' or 'direct'"),
+    (PracticeConfig, "strategy", "fast", "'trajectory_extension' or 'adaptive_extension'"),
+    *(
+        (PracticeConfig, "durations_s", (9.0, bad), "finite times of at least goal_duration_s = 4.5 s")
+        for bad in (4.4, NAN, INF)
+    ),
+    *((PracticeConfig, "tolerance_rad", bad, "a finite number above 0") for bad in NOT_POSITIVE),
+    *(
+        (PracticeConfig, "step_tolerance_rad", bad, "at least tolerance_rad = 0.005 rad")
+        for bad in (4e-3, NAN, INF)
+    ),
     (PracticeConfig, "spacing", "", "'duration' or 'speed' or 'torque'"),
     (PracticeConfig, "on_abort", None, "'stop' or 'continue'"),
     (LearningConfig, "weights", "LMS", "'least_squares'"),
@@ -63,7 +72,7 @@ BAD: list[tuple[type, str, Any, str]] = [
         )
         for bad in NOT_POSITIVE
     ),
-    *((ControlConfig, "settle_timeout_s", bad, "above settle_time_s = 0.2 s") for bad in (0.2, NAN, INF)),
+    *((ControlConfig, "settle_timeout_s", bad, "above settle_time_s = 0.5 s") for bad in (0.5, NAN, INF)),
     *(
         (SimConfig, key, bad, "a finite number above 0")
         for key in ("physics_rate_hz", "inertia_scale", "lockstep_timeout_s")

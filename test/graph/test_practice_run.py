@@ -135,7 +135,8 @@ def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> N
 
 
 def test_a_second_graph_on_the_same_domain_is_refused_before_anything_moves(tel: Tel) -> None:
-    first = tel(*QUICK, "practice.trials=8", name="first")
+    # However slowly this machine runs two graphs at once, the first one waits, and is not done before.
+    first = tel(*QUICK, "practice.trials=40", "sim.lockstep_timeout_s=30.0", name="first")
     first.wait_until_moving(trial=1)
     second = tel(*QUICK, name="second")
     code, out, err = second.finish()

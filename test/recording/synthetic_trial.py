@@ -36,6 +36,8 @@ class SyntheticTrial:
     """Ticks that are recorded after the end of the trial, when it is no trial's any more."""
     std_rad: np.ndarray | None = None
     """What the goal says of the network's error; None: nothing."""
+    springs: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    """K and B of the goal; empty: as configured."""
     n_points: int | None = None
     """Points of the goal; None: as many as ticks."""
 
@@ -115,6 +117,8 @@ class SyntheticTrial:
             joint_names=list(self.joints),
             time_ns=(self.time_ns - self.time_ns[0])[points],
             equilibrium_rad=self.values["equilibrium_rad"][points].ravel(),
+            stiffness_nm_per_rad=np.array(self.springs[0], dtype=np.float64),
+            damping_nms_per_rad=np.array(self.springs[1], dtype=np.float64),
             std_rad=np.zeros(0) if self.std_rad is None else self.std_rad.ravel(),
             **fields,
         )

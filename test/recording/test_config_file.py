@@ -227,7 +227,7 @@ def test_an_unknown_key_of_the_arm_is_blamed_on_the_file_of_the_arm(config_folde
         (
             "trials: 3",
             "strategy: fast",
-            "practice.strategy is 'fast'; expected 'trajectory_extension' or 'direct'",
+            "practice.strategy is 'fast'; expected 'trajectory_extension' or 'adaptive_extension' or ",
         ),
         (
             "corridor_rad: 0.8",
@@ -389,3 +389,22 @@ def test_a_wrong_single_value_is_refused_with_where_it_came_from(
     with pytest.raises(ConfigError) as refusal:
         with_values(config, {key: value}, "parameter of ep_controller")
     assert str(refusal.value).startswith(f"parameter of ep_controller: {said}")
+
+
+def test_a_known_path_is_found_beside_the_file_or_where_the_option_was_given(
+    edit: Edit, config_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = edit("run.yaml", "practice:\n", "  known_file: figures/line.csv\npractice:\n  vary: [shape]\n")
+    assert load_config(file).path.known_file == str((config_folder / "figures" / "line.csv").resolve())
+    monkeypatch.chdir(config_folder)
+    other = load_config(file, ["path.known_file=other.csv"])
+    assert other.path.known_file == str((config_folder / "other.csv").resolve())
+    built_in = load_config(file, ["path.known_name=planar_loops"])
+    assert (built_in.path.known_name, built_in.path.known_file) == ("planar_loops", "")
+
+
+def test_what_varies_is_a_list_of_known_things(config_folder: Path) -> None:
+    config = load_config(config_folder / "run.yaml", ["practice.vary=[amplitude, speed]"])
+    assert config.practice.vary == ("amplitude", "speed")
+    with pytest.raises(ConfigError, match=r"practice\.vary.* expected .*'speed' or 'amplitude'"):
+        load_config(config_folder / "run.yaml", ["practice.vary=[weight]"])

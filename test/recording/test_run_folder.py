@@ -30,7 +30,7 @@ from tel_ros.recording.run_folder import (
     write_atomically,
     write_summary,
 )
-from tel_ros.recording.waypoint_file import load_path
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 
 @pytest.fixture
@@ -233,3 +233,24 @@ def test_a_write_leaves_nothing_but_the_file(tmp_path: Path) -> None:
     write_atomically(tmp_path / "file.json", "new")
     assert [path.name for path in tmp_path.iterdir()] == ["file.json"]
     assert (tmp_path / "file.json").read_text() == "new"
+
+
+def test_the_known_path_is_copied_beside_the_goals_even_if_both_files_have_one_name(
+    folder: Path, config: Config, config_folder: Path
+) -> None:
+    (config_folder / "known").mkdir()
+    goal, known = config_folder / "path.csv", config_folder / "known" / "path.csv"
+    goal.write_text("shoulder,elbow\n0,0.5\n1,1\n")
+    known.write_text("shoulder,elbow\n0.25,0.75\n0.5,1\n")
+    varied = dataclasses.replace(
+        config,
+        path=PathConfig(file=str(goal), known_file=str(known)),
+        practice=dataclasses.replace(config.practice, vary=("shape",)),
+    )
+    create_run_folder(folder, varied)
+    shutil.rmtree(config_folder)
+    again = load_config(folder / CONFIG_FILE)
+    path, known_path = load_path(again.path, again.arm), load_known_path(again.path, again.arm)
+    assert known_path is not None
+    np.testing.assert_allclose(path.evaluate(np.zeros(1))[0], [[0.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(known_path.evaluate(np.zeros(1))[0], [[0.25, 0.75]], atol=1e-12)

@@ -9,6 +9,7 @@ import pytest
 
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.recording.config_file import to_plain
 from tel_ros.recording.run_folder import read_summary
 from tel_ros.recording.summary import RunSummary, TrialRow
@@ -50,6 +51,11 @@ def report(index: int = 1, outcome: Outcome = Outcome.COMPLETED, error_rad: floa
     )
 
 
+def plan(index: int = 1) -> PlannedTrial:
+    """Return what was planned for a trial: back to the network of the second, with nothing expected."""
+    return PlannedTrial(index, 0.5, Movement(9.0), go_back_to=2, reason="a try")
+
+
 @pytest.fixture
 def summary(tmp_path: Path, config: Config) -> RunSummary:
     """Of a run in a folder ``monday``."""
@@ -60,7 +66,7 @@ def summary(tmp_path: Path, config: Config) -> RunSummary:
 def test_a_summary_has_the_keys_that_scripts_rely_on(
     summary: RunSummary, tmp_path: Path, config: Config
 ) -> None:
-    summary.add(TrialRow(report(), "trial_001", 3.5, 0.4, 0.1, 0.2, ["elbow: subtree 1"]))
+    summary.add(TrialRow(plan(), report(), "trial_001", 3.5, 0.4, 0.1, 0.2, ["elbow: subtree 1"]))
     found = read_summary(tmp_path / "monday")
     assert set(found) >= RUN_KEYS
     assert found["run"] == "monday"
@@ -73,18 +79,19 @@ def test_a_summary_has_the_keys_that_scripts_rely_on(
     assert [trial[key] for key in training] == [0.4, 0.1]
     assert trial["rms_command_change_rad"] == 0.2
     assert trial["ticks"] == 5000
+    assert (trial["reason"], trial["went_back_to"], trial["expected_rms_rad"]) == ("a try", 2, None)
 
 
 def test_it_is_on_the_disk_after_each_trial(summary: RunSummary, tmp_path: Path) -> None:
     for index in (1, 2, 3):
-        summary.add(TrialRow(report(index), f"trial_{index:03d}", 1.0))
+        summary.add(TrialRow(plan(index), report(index), f"trial_{index:03d}", 1.0))
         found = read_summary(tmp_path / "monday")
         assert [trial["index"] for trial in found["trials"]] == list(range(1, index + 1))
         assert found["outcome"] == "running"
 
 
 def test_the_end_of_a_run_is_written_too(summary: RunSummary, tmp_path: Path) -> None:
-    summary.add(TrialRow(report(), "trial_001", 1.0))
+    summary.add(TrialRow(plan(), report(), "trial_001", 1.0))
     summary.end("aborted", "trial 2 was aborted")
     found = read_summary(tmp_path / "monday")
     assert (found["outcome"], found["message"]) == ("aborted", "trial 2 was aborted")
@@ -94,7 +101,7 @@ def test_the_end_of_a_run_is_written_too(summary: RunSummary, tmp_path: Path) ->
 def test_a_trial_without_a_run_and_without_training_has_null_for_their_numbers(
     summary: RunSummary, tmp_path: Path
 ) -> None:
-    summary.add(TrialRow(report(outcome=Outcome.ABORTED, error_rad=float("nan")), None, 1.0))
+    summary.add(TrialRow(plan(), report(outcome=Outcome.ABORTED, error_rad=float("nan")), None, 1.0))
     (trial,) = read_summary(tmp_path / "monday")["trials"]
     assert trial["rms_error_rad"] is None
     assert trial["rms_error_per_joint_rad"] == [None, 0.05]

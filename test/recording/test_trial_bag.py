@@ -12,10 +12,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from synthetic_trial import JOINTS, METADATA, SyntheticTrial
 
+from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, Phase
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import BagError
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, TrialBagWriter
+from tel_ros.recording.config_file import dump_config
 from tel_ros.recording.message_types import typestore
 from tel_ros.recording.shared_files import share_folder
 from tel_ros.recording.trial_bag import read_trial
@@ -109,23 +112,70 @@ def test_a_bag_from_before_goals_had_a_std_is_read(
         for topic, time_ns, data in trial.messages():
             if topic == topics.TRIAL_GOAL:
                 goal = vars(typestore().deserialize_cdr(data, kind))
-                fields = {
-                    name: value for name, value in goal.items() if name not in ("std_rad", "__msgtype__")
-                }
+                newer = ("std_rad", "stiffness_nm_per_rad", "damping_nms_per_rad", "__msgtype__")
+                fields = {name: value for name, value in goal.items() if name not in newer}
                 data = bytes(older.serialize_cdr(older.types[kind](**fields), kind))
             writer.write(topic, time_ns, data)
-    std_rad = read_trial(tmp_path / "bag").command_std_rad
-    assert len(std_rad) > 0
-    assert np.isposinf(std_rad).all()
+    found = read_trial(tmp_path / "bag")
+    assert len(found.command_std_rad) > 0
+    assert np.isposinf(found.command_std_rad).all()
+    assert found.springs is None
 
 
 def types_without_std() -> Typestore:
-    """Return the types of bags as they were when a goal had no ``std_rad``."""
+    """Return the types of bags as they were when a goal had neither ``std_rad`` nor springs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for file in (share_folder("tel_interfaces") / "msg").glob("*.msg"):
-        lines = [line for line in file.read_text(encoding="utf-8").splitlines() if "std_rad" not in line]
+        newer = ("std_rad", "stiffness_nm_per_rad", "damping_nms_per_rad")
+        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = [line for line in lines if not any(name in line for name in newer)]
         store.register(get_types_from_msg("\n".join(lines), f"tel_interfaces/msg/{file.stem}"))
     return store
+
+
+def test_a_trial_with_the_configured_springs_has_no_others(trial_bag: Path) -> None:
+    assert read_trial(trial_bag).springs is None
+
+
+def test_the_springs_of_a_trial_come_back_and_what_they_did_is_learned(
+    tmp_path: Path, trial: SyntheticTrial, config: Config
+) -> None:
+    configured = Springs.of(config.arm)
+    used = configured.scaled(4.0)
+    trial.springs = (tuple(used.stiffness_nm_per_rad), tuple(used.damping_nms_per_rad))
+    found = read_trial(trial.write(tmp_path / "bag", METADATA | {"config": dump_config(config)}))
+    assert found.springs is not None
+    for springs, expected in ((found.springs.used, used), (found.springs.configured, configured)):
+        np.testing.assert_array_equal(springs.stiffness_nm_per_rad, expected.stiffness_nm_per_rad)
+        np.testing.assert_array_equal(springs.damping_nms_per_rad, expected.damping_nms_per_rad)
+    kept = trial.phase[: trial.n] != Phase.APPROACH
+    u, q, v = (
+        trial.values[name][: trial.n][kept] for name in ("equilibrium_rad", "position_rad", "velocity_rad_s")
+    )
+    k, b = configured.stiffness_nm_per_rad, configured.damping_nms_per_rad
+    exerted = 4.0 * k * (u - q) - 2.0 * b * v
+    np.testing.assert_allclose(found.signals().equilibrium_rad, q + (exerted + b * v) / k, atol=1e-12)
+    np.testing.assert_array_equal(found.equilibrium_rad, trial.values["equilibrium_rad"][: trial.n])
+
+
+@pytest.mark.parametrize(
+    "springs",
+    [((60.0,), (3.0,)), ((60.0, 60.0), ()), ((), (3.0, 3.0)), ((60.0, -1.0), (3.0, 3.0))],
+    ids=["too few", "no damping", "no stiffness", "negative"],
+)
+def test_springs_that_do_not_fit_are_refused(
+    tmp_path: Path, trial: SyntheticTrial, config: Config, springs: tuple[tuple[float, ...], ...]
+) -> None:
+    trial.springs = springs  # type: ignore[assignment]
+    bag = trial.write(tmp_path / "bag", METADATA | {"config": dump_config(config)})
+    with pytest.raises(BagError, match="bag: does not tell how stiff its springs were"):
+        read_trial(bag)
+
+
+def test_springs_without_the_configured_ones_are_refused(tmp_path: Path, trial: SyntheticTrial) -> None:
+    trial.springs = ((60.0, 60.0), (3.0, 3.0))
+    with pytest.raises(BagError, match="and the configuration in the metadata"):
+        read_trial(trial.write(tmp_path / "bag"))
 
 
 @pytest.mark.parametrize("n", [1, 249, 251, 500])

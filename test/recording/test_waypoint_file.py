@@ -10,7 +10,7 @@ import pytest
 
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.waypoint_file import load_path, read_waypoints
+from tel_ros.recording.waypoint_file import load_known_path, load_path, read_waypoints
 
 JOINTS = ("shoulder", "elbow")
 
@@ -120,3 +120,26 @@ def test_a_path_from_a_file_goes_through_its_waypoints_and_has_its_name(
     path = load_path(PathConfig(file=str(file)), config.arm)
     assert (path.name, path.n_joints) == ("eight", 2)
     np.testing.assert_allclose(path.evaluate(np.array([0.0, 1.0]))[0], [[0.5, 1.0], [0.0, 2.0]], atol=1e-12)
+
+
+def test_without_a_known_path_there_is_none(config: Config) -> None:
+    assert load_known_path(PathConfig(name="planar_loops"), config.arm) is None
+
+
+def test_a_known_path_is_built_in_or_goes_through_its_waypoints(
+    config: Config, csv: Callable[[str], Path]
+) -> None:
+    built_in = load_known_path(PathConfig(name="planar_loops", known_name="planar_loops"), config.arm)
+    assert built_in is not None and built_in.name == "planar_loops"
+    file = csv("elbow,shoulder\n1.0,0.5\n1.5,-0.25\n2,0\n")
+    known = load_known_path(PathConfig(name="planar_loops", known_file=str(file)), config.arm)
+    assert known is not None
+    np.testing.assert_allclose(known.evaluate(np.array([0.0, 1.0]))[0], [[0.5, 1.0], [0.0, 2.0]], atol=1e-12)
+
+
+def test_complaints_about_a_known_path_name_its_key(config: Config, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"path\.known_name is 'figure_nine'; expected one of planar_loops"):
+        load_known_path(PathConfig(name="planar_loops", known_name="figure_nine"), config.arm)
+    missing = PathConfig(name="planar_loops", known_file=str(tmp_path / "no.csv"))
+    with pytest.raises(InputFileError, match=r"no\.csv: there is no such file; .* \(key path\.known_file\)"):
+        load_known_path(missing, config.arm)

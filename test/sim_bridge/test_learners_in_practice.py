@@ -21,7 +21,7 @@ pytestmark = pytest.mark.timeout(120)
 
 def rms_mrad(*overrides: str, change: Callable[[OfflinePractice, int], None] | None = None) -> np.ndarray:
     """Return the RMS error of each trial of a practice run."""
-    config = load_config(CONFIG, overrides)
+    config = load_config(CONFIG, ["practice.strategy=trajectory_extension", *overrides])
     with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
         before = (lambda plan: change(practice, plan.index)) if change else (lambda plan: None)
         done = practice.run(before_trial=before)

@@ -15,8 +15,10 @@ from rosbags.highlevel import AnyReader
 from sim_bridge.offline import OfflineArm, OfflinePractice, OfflineTrial
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, Phase, TrialGoal
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import ConfigError, TrajectoryError
-from tel_ros.core.practice.strategy import PlannedTrial
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S
@@ -90,7 +92,7 @@ def test_a_trial_goes_through_all_phases_with_a_row_for_each_tick(make_arm: Make
     n = trial.report.ticks
     assert list(dict.fromkeys(trial.phase)) == [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]
     for field in fields(OfflineTrial):
-        if field.name not in ("report", "time_ns", "phase"):
+        if field.name not in ("report", "time_ns", "phase", "springs"):
             assert getattr(trial, field.name).shape == (n, 6 if field.name == "desired" else 2)
     run = trial.phase == Phase.RUN
     error_rad = (trial.position_rad - trial.desired[:, :2])[run]
@@ -209,6 +211,82 @@ def test_the_arm_can_be_replaced_before_a_trial(make_practice: MakePractice) -> 
     without = make_practice("practice.first_duration_s=4.5", "practice.trials=2").run()
     assert_same_ticks(with_payload[0].trial, without[0].trial)
     assert with_payload[1].trial.report.rms_error_rad > 1.2 * without[1].trial.report.rms_error_rad
+
+
+def planned(movement: Movement, index: int = 1) -> PlannedTrial:
+    return PlannedTrial(index, 1.0, movement)
+
+
+def test_what_stiffer_springs_exert_is_learned_as_the_configured_springs_would_exert_it(
+    make_arm: MakeArm,
+) -> None:
+    configured = Springs.of(config().arm)
+    trial = make_arm().run_trial(replace(goal(duration_s=6.0), springs=configured.scaled(4.0)))
+    assert trial.report.outcome == Outcome.COMPLETED
+    assert not trial.saturated.any()
+    rows = trial.phase != Phase.APPROACH
+    offset_rad = (
+        trial.effort_nm + configured.damping_nms_per_rad * trial.velocity_rad_s
+    ) / configured.stiffness_nm_per_rad
+    learned_rad = trial.signals.equilibrium_rad - trial.position_rad[rows]
+    np.testing.assert_allclose(learned_rad, offset_rad[rows], atol=1e-9)
+
+
+def test_what_is_learned_with_stiff_springs_serves_the_configured_ones(make_practice: MakePractice) -> None:
+    options = ("learning.weights=least_squares", "learning.filter=auto")
+    practice = make_practice(*options)
+    stiff = practice.run_trial(planned(Movement(5.0, stiffness=4.0)))
+    learned = practice.run_trial(planned(Movement(5.0), 2))
+    unlearned = make_practice(*options).run_trial(planned(Movement(5.0)))
+    assert stiff.trial.report.rms_error_rad < 0.5 * unlearned.trial.report.rms_error_rad
+    assert learned.trial.springs is None
+    # Without the conversion the damper's share would be wrong by a factor of 2, and the spring's by 4.
+    assert learned.trial.report.rms_error_rad < 0.15 * unlearned.trial.report.rms_error_rad
+
+
+def test_a_part_of_the_path_is_approached_and_practised_from_rest_to_rest(
+    make_practice: MakePractice,
+) -> None:
+    trial = make_practice().run_trial(planned(Movement(12.0, start=0.25, end=0.5))).trial
+    assert trial.report.outcome == Outcome.COMPLETED
+    assert trial.report.duration_s == pytest.approx(3.0, abs=2e-3)
+    path = load_path(config().path, config().arm)
+    desired = trial.desired[trial.phase == Phase.RUN]
+    np.testing.assert_allclose(desired[[0, -1], :2], path.evaluate(np.array([0.25, 0.5]))[0], atol=1e-9)
+    np.testing.assert_allclose(desired[[0, -1], 2:4], 0.0, atol=1e-9)
+
+
+def test_a_smaller_movement_stays_near_the_first_posture(make_practice: MakePractice) -> None:
+    practice = make_practice()
+    reach_rad = []
+    for index, amplitude in ((1, 1.0), (2, 0.25)):
+        trial = practice.run_trial(planned(Movement(9.0, amplitude=amplitude), index)).trial
+        desired_rad = trial.desired[trial.phase == Phase.RUN][:, :2]
+        reach_rad.append(np.abs(desired_rad - desired_rad[0]).max(axis=0))
+    np.testing.assert_allclose(reach_rad[1], 0.25 * reach_rad[0], rtol=1e-9)
+
+
+def test_practice_goes_from_the_known_path_to_the_goal(open_arms: ExitStack) -> None:
+    asked = config(
+        "practice.vary=[shape]",
+        "path.known_name=planar_loops",
+        "practice.trials=2",
+        "practice.goal_duration_s=8",
+    )
+    path, known = load_path(asked.path, asked.arm), waypoint_path("line", np.array([[0.2, 1.0], [0.8, 1.4]]))
+    practice = open_arms.enter_context(OfflinePractice(asked, path, new_network(asked), known))
+    first, last = practice.run()
+    run = first.trial.phase == Phase.RUN
+    np.testing.assert_allclose(first.trial.desired[run][[0, -1], :2], [[0.2, 1.0], [0.8, 1.4]], atol=1e-6)
+    run = last.trial.phase == Phase.RUN
+    np.testing.assert_allclose(last.trial.desired[run][0, :2], path.evaluate(np.zeros(1))[0][0], atol=1e-9)
+
+
+def test_the_shape_cannot_vary_without_a_known_path(make_practice: MakePractice) -> None:
+    practice = make_practice()
+    with pytest.raises(ConfigError, match="known path"):
+        practice.run_trial(planned(Movement(9.0, shape=0.5)))
+    assert practice.arm.plant.time_ns == 0
 
 
 def recorded(bag: Path, topic: str) -> list[Any]:

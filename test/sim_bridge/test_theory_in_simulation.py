@@ -29,7 +29,7 @@ class Judged:
 
     fitted: list[TheoryEstimate]
     true: list[TheoryEstimate]
-    messages: list[str | None]
+    messages: list[str]
 
     def column(self, which: str, name: str) -> np.ndarray:
         return np.array([getattr(estimate, name) for estimate in getattr(self, which)])
@@ -107,7 +107,7 @@ def test_the_bounds_of_theorems_2_and_3_hold(rising_speed: Judged) -> None:
 
 
 def test_lock_up_is_k_r_near_1_and_is_noticed(narrow_gaussians: Judged) -> None:
-    assert narrow_gaussians.messages[:8] == [None] * 8
+    assert narrow_gaussians.messages[:8] == [""] * 8
     assert str(narrow_gaussians.messages[8]).startswith("learning lock-up")
     last = narrow_gaussians.fitted[-1]
     assert 0.9 < last.k_r < 1.0
@@ -118,4 +118,4 @@ def test_divergence_is_noticed_and_rising_speed_is_neither(
     desired_training: Judged, rising_speed: Judged
 ) -> None:
     assert str(desired_training.messages[-1]).startswith("learning diverges")
-    assert rising_speed.messages == [None] * 5
+    assert rising_speed.messages == [""] * 5

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.control.limits import Limits
 from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
@@ -45,9 +46,11 @@ class EpController:
 
     def __init__(self, arm: ArmConfig, control: ControlConfig) -> None:
         self.limits = Limits.of(arm, control.corridor_rad)
+        self._configured = Springs.of(arm)
+        self._springs = self._configured
         self._law = EpLaw(
-            np.array(arm.stiffness_nm_per_rad),
-            np.array(arm.damping_nms_per_rad),
+            self._springs.stiffness_nm_per_rad,
+            self._springs.damping_nms_per_rad,
             np.array(arm.effort_limit_nm),
         )
         self._control = control
@@ -102,6 +105,8 @@ class EpController:
         if self.active:
             raise TrajectoryError("another trial is under way; one trial at a time")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
+        if goal.springs is not None:
+            goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
         self._goal, self.report = goal, None
         self._outcome, self._message = Outcome.COMPLETED, ""
         self._score, self._ticks, self._run_ns, self._start_ns = TrackingScore(self._n_joints), 0, 0, 0
@@ -184,13 +189,30 @@ class EpController:
 
     def _begin_approach(self, state: ArmState) -> None:
         assert self._goal is not None
-        start = state.position_rad if self._equilibrium is None else self._equilibrium
+        held = self._springs
+        self._take_up_springs(self._goal.springs or self._configured)
+        if self._equilibrium is None:
+            start = state.position_rad
+        else:
+            # Other springs go on with the effort that the ones before exert now.
+            start = self._springs.equilibrium_for(
+                held, self._equilibrium, state.position_rad, state.velocity_rad_s
+            )
         self._approach_from = start
         distance = float(np.abs(self._goal.equilibrium_rad[0] - start).max())
         peak = MINIMUM_JERK_PEAK_SPEED * distance / self._control.approach_speed_rad_s
         self._approach_s = max(peak, SHORTEST_APPROACH_S)
         self._way_back = self.limits.reaching(state.position_rad)
         self._phase_ns = state.time_ns
+
+    def _take_up_springs(self, springs: Springs) -> None:
+        """Change K and B, which stay until another trial brings its own: they brake and hold the arm, too."""
+        self._springs = springs
+        self._law = replace(
+            self._law,
+            stiffness_nm_per_rad=springs.stiffness_nm_per_rad,
+            damping_nms_per_rad=springs.damping_nms_per_rad,
+        )
 
     def _enter(self, phase: Phase, time_ns: int) -> None:
         self.phase, self._phase_ns = phase, time_ns

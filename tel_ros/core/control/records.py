@@ -7,6 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
 from tel_ros.core.types import BoolArray, FloatArray
@@ -62,6 +63,7 @@ class TrialGoal:
         alpha: practice parameter, for the records.
         desired: y.
         equilibrium_rad: the command û at the times of ``desired``. Shape (n, n_joints).
+        springs: K and B in this trial; None: as configured.
 
     Raises:
         TrajectoryError: the command does not fit the desired trajectory or is not finite.
@@ -71,6 +73,7 @@ class TrialGoal:
     alpha: float
     desired: DesiredTrajectory
     equilibrium_rad: FloatArray
+    springs: Springs | None = None
 
     def __post_init__(self) -> None:
         check_points("the equilibrium trajectory", self.equilibrium_rad, self.desired.position_rad.shape)

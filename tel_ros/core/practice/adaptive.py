@@ -10,23 +10,26 @@ import numpy as np
 
 from tel_ros.core.config import ArmConfig, PracticeConfig
 from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
 from tel_ros.core.practice.effort_limit import EffortLimit
 
 _BISECTIONS = 6
-_SLOWER_AFTER_ABORT = math.sqrt(2.0)
-"""Torques go with 1/T²: a duration longer by this factor halves what pushes the arm off its path."""
+_EASIER_AFTER_ABORT = math.sqrt(2.0)
+"""Torques go with 1/T²: an ease greater by this factor halves what pushes the arm off its path."""
 _PATIENCE = 3
-"""Trials at one speed without progress after which practice ends."""
+"""Trials of one movement without progress after which practice ends."""
 _PROGRESS = 0.9
 """An error that falls below this share of the best one so far is progress."""
+_ANOTHER_ARM = 2.0
+"""An error above this multiple of the best one at the same movement is that of an arm that has changed."""
 _FIRST_STEP = math.log(1.5)
 _LARGER = 2.0
 """A step may be this much larger than the one before it."""
 _LEAST_LIMIT = math.log(1.1)
 """So that one cautious step does not make all that follow it small."""
 _OUTLOOK_RATIO = 0.75
-_SAME_SPEED = 1.01
+_SAME_EASE = 1.01
 _MOST_OPTIMISTIC = 0.3
 
 
@@ -35,58 +38,73 @@ class _Good:
     """A trial that is worth going back to."""
 
     index: int
-    duration_s: float
+    ease: float
 
 
 class AdaptiveExtension:
-    """Takes the largest step in speed after which the error should stay within a tolerance.
+    """Takes the largest step along its course after which the error should stay within a tolerance.
 
-    What to expect of a speed comes from two sources: the learner's own standard deviation along the movement,
-    and how earlier trials came out in proportion to it. A trial that came out worse than the tolerance of a
-    step is repeated, and the next step is halved. After an abort the network of the last good trial is taken
-    up again, at its speed or slower. Practice ends when the goal speed is reached within the
-    tolerance of the goal, or when something stands in the way: the effort limits, errors that do not
-    fall any more, or the number of trials.
+    The course is that of the speed, or of whatever else varies: see :class:`~.course.Course`, whose measure
+    of a movement, its ease, is the duration if only the speed varies. What to expect of a movement comes from
+    two sources: the learner's own standard deviation along it, and how earlier trials came out in proportion
+    to it. A trial that came out worse than the tolerance of a step is repeated, and the next step is halved.
+    After an abort the network of the last good trial is taken up again, for its movement or an easier one.
+    Practice ends when the goal is reached within its tolerance, or when something stands in the way: the
+    effort limits, errors that do not fall any more, or the number of trials.
 
     Args:
         practice: durations, tolerances, most trials.
         arm: effort limits.
         corridor_rad: deviation at which a trial is aborted.
+        course: the way to the goal; None: the configured one.
+        first_index: number of its first trial; the network is as it was after the trial before that.
+        first_ease: of its first movement; None: that of the course.
     """
 
-    def __init__(self, practice: PracticeConfig, arm: ArmConfig, corridor_rad: float) -> None:
+    def __init__(
+        self,
+        practice: PracticeConfig,
+        arm: ArmConfig,
+        corridor_rad: float,
+        *,
+        course: Course | None = None,
+        first_index: int = 1,
+        first_ease: float | None = None,
+    ) -> None:
         self._practice = practice
         self._corridor_rad = corridor_rad
-        self._safe_s = practice.first_duration_s
-        """Slow enough to stay well inside the corridor even with nothing learned."""
-        self._effort = EffortLimit(arm)
+        self._course = course or Course.configured(practice)
+        self._first_index = first_index
+        self._first_ease = self._course.first_ease if first_ease is None else first_ease
+        self._safe_ease = self._course.first_ease
+        """Easy enough to stay well inside the corridor even with nothing learned."""
+        self._ease = self._first_ease
+        """Of the trial that is planned."""
+        self._effort = EffortLimit(arm, self._course.at_duration)
         self._plan: PlannedTrial | None = None
         self._expected_std = math.inf
         self._ratio = 1.0
         """Tracking errors in proportion to the learner's standard deviation, as they came."""
         self._largest_step = _FIRST_STEP
-        """In the logarithm of the duration."""
+        """In the logarithm of the ease."""
         self._good: list[_Good] = []
         self._best = math.inf
         self._without_progress = 0
         self._repeated_once = False
 
     def outlook(self) -> Sequence[Movement]:
-        """Return the movements that are still to come if every step is about a quarter of the duration."""
-        goal_s = self._practice.goal_duration_s
-        if self._plan is None:
-            duration_s, durations_s = self._practice.first_duration_s, [self._practice.first_duration_s]
-        else:
-            duration_s, durations_s = self._plan.movement.duration_s, []
-        while duration_s > goal_s:
-            duration_s = max(goal_s, duration_s * _OUTLOOK_RATIO)
-            durations_s.append(duration_s)
-        return [Movement(duration_s) for duration_s in durations_s]
+        """Return the movements that are still to come if every step is about a quarter of the ease."""
+        ease, goal = self._ease, self._course.goal_ease
+        eases = [ease] if self._plan is None else []
+        while ease > goal:
+            ease = max(goal, ease * _OUTLOOK_RATIO)
+            eases.append(ease)
+        return [self._course.movement(ease) for ease in eases]
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""
         if last is None or self._plan is None:
-            return self._planned(self._practice.first_duration_s, forecast, "the first trial")
+            return self._planned(self._first_ease, forecast, "the first trial")
         if last.outcome == Outcome.CANCELLED:
             return Ending("cancelled", "the run was cancelled")
         if last.outcome == Outcome.COMPLETED:
@@ -97,54 +115,84 @@ class AdaptiveExtension:
             return Ending(
                 "aborted" if last.outcome == Outcome.ABORTED else "stopped",
                 f"{self._goal} was not reached within {self._practice.trials} trials: the last one had "
-                f"{_mrad(last.rms_error_rad)} RMS at {last.duration_s:.3f} s",
+                f"{_mrad(last.rms_error_rad)} RMS at {self._reached(last)}",
             )
         return decision
 
+    def _reached(self, last: TrialReport) -> str:
+        assert self._plan is not None
+        movement = self._plan.movement
+        # The desired trajectory of a whole movement ends at a tick, which can be a little later.
+        whole = (movement.start, movement.end) == (0.0, 1.0)
+        return self._course.text(movement, f"{last.duration_s:.3f} s" if whole else "")
+
     @property
     def _goal(self) -> str:
-        return f"{self._practice.goal_duration_s:g} s within {_mrad(self._practice.tolerance_rad)}"
+        return f"{self._course.goal_text} within {_mrad(self._practice.tolerance_rad)}"
 
     def _after_success(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         practice, error_rad = self._practice, last.rms_error_rad
-        assert self._plan is not None
-        duration_s = self._plan.movement.duration_s
+        ease = self._ease
         self._learn_ratio(error_rad)
-        if last.index == 1:
+        unlearned = last.index == 1 or (self._plan is not None and self._plan.go_back_to == 0)
+        if unlearned and self._course.deviates_with_ease:
             # Without a network the deviation is what the torques make it, and these go with 1/T².
-            self._safe_s = duration_s * math.sqrt(last.max_error_rad / (0.5 * self._corridor_rad))
-        self._effort.learn(duration_s, forecast)
-        fastest_s = self._effort.fastest_s(practice.goal_duration_s, duration_s)
-        at_the_end = duration_s <= fastest_s * _SAME_SPEED
+            self._safe_ease = ease * math.sqrt(last.max_error_rad / (0.5 * self._corridor_rad))
+        hardest = self._hardest(forecast)
+        at_goal = ease <= self._course.goal_ease
+        # How fast the effort limits allow is foreseen a little differently after every trial.
+        at_the_end = at_goal or (hardest > self._course.goal_ease and ease <= hardest * _SAME_EASE)
         tolerance_rad = practice.tolerance_rad if at_the_end else practice.step_tolerance_rad
-        if error_rad > tolerance_rad and last.index > 1:
-            return self._repeated(last, forecast, fastest_s)
-        if self._good and self._good[-1].duration_s > duration_s:
-            step = math.log(self._good[-1].duration_s / duration_s)
+        if error_rad > tolerance_rad and not unlearned:
+            return self._repeated(last, forecast)
+        if self._good and self._good[-1].ease > ease:
+            step = math.log(self._good[-1].ease / ease)
             self._largest_step = max(step if self._repeated_once else _LARGER * step, _LEAST_LIMIT)
-        self._good.append(_Good(last.index, duration_s))
+        self._good.append(_Good(last.index, ease))
         self._best, self._without_progress, self._repeated_once = math.inf, 0, False
         if at_the_end and error_rad <= tolerance_rad:
-            if fastest_s <= practice.goal_duration_s:
+            if at_goal:
                 return Ending(
                     "completed",
-                    f"{practice.goal_duration_s:g} s reached with {_mrad(error_rad)} RMS "
-                    f"after {last.index} trials",
+                    f"{self._course.goal_text} reached with {_mrad(error_rad)} RMS after {last.index} trials",
                 )
-            return Ending("stopped", self._limited(last, fastest_s))
-        return self._extended(duration_s, fastest_s, forecast)
+            return Ending("stopped", self._limited(last, hardest))
+        return self._extended(hardest, forecast)
 
-    def _limited(self, last: TrialReport, fastest_s: float) -> str:
-        goal_s = self._practice.goal_duration_s
+    def _hardest(self, forecast: Forecaster) -> float:
+        """Return the least ease that practice may go to, foreseen from the trial that was good."""
+        if self._course.varies_speed_at(self._ease):
+            self._effort.learn(self._course.movement(self._ease).duration_s, forecast)
+        return self._foreseen()
+
+    def _foreseen(self) -> float:
+        """Return the least ease that the effort limits allow, as far as it is known."""
+        course = self._course
+        if not course.varies_speed_at(self._ease):
+            return course.goal_ease
+        goal_s = course.goal.duration_s
+        fastest_s = self._effort.fastest_s(goal_s, course.movement(course.first_ease).duration_s)
+        return course.goal_ease if fastest_s <= goal_s else course.ease_at_duration(fastest_s)
+
+    def _limited(self, last: TrialReport, hardest: float) -> str:
+        needed = self._effort.needed_text(self._course.goal.duration_s)
         return (
-            f"{goal_s:g} s cannot be reached: {self._effort.needed_text(goal_s)}; about {fastest_s:.2f} s is "
-            f"the fastest that the effort limits allow, and {last.duration_s:.3f} s was reached with "
+            f"{self._course.goal_text} cannot be reached: {needed}; about "
+            f"{self._course.movement(hardest).duration_s:.2f} s is "
+            f"the fastest that the effort limits allow, and {self._reached(last)} was reached with "
             f"{_mrad(last.rms_error_rad)} RMS after {last.index} trials"
         )
 
-    def _repeated(self, last: TrialReport, forecast: Forecaster, fastest_s: float) -> PlannedTrial | Ending:
+    def _repeated(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None
-        duration_s = self._plan.movement.duration_s
+        hardest = self._foreseen()
+        if hardest > self._ease * _SAME_EASE:
+            self._best, self._without_progress = math.inf, 0
+            fastest_s = self._course.movement(hardest).duration_s
+            reason = f"slower: the effort limits allow about {fastest_s:.2f} s"
+            return self._planned(hardest, forecast, reason)
+        if last.rms_error_rad > _ANOTHER_ARM * self._best:
+            self._best = math.inf
         if last.rms_error_rad < _PROGRESS * self._best:
             self._best, self._without_progress = last.rms_error_rad, 0
         else:
@@ -153,67 +201,76 @@ class AdaptiveExtension:
             return Ending(
                 "stopped",
                 f"{self._goal} was not reached: the error stays at {_mrad(self._best)} RMS at "
-                f"{duration_s:.3f} s, and {_PATIENCE} more trials have not lowered it",
+                f"{self._course.text(self._plan.movement)}, and {_PATIENCE} more trials have not lowered it",
             )
         self._repeated_once = True
         reason = f"repeated: {_mrad(last.rms_error_rad)} RMS were more than wanted"
-        return self._planned(duration_s, forecast, reason)
+        return self._planned(self._ease, forecast, reason)
 
-    def _extended(self, duration_s: float, fastest_s: float, forecast: Forecaster) -> PlannedTrial:
+    def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial:
         """Return the largest step after which the error should stay within the tolerance of a step."""
-        low = max(fastest_s, duration_s * math.exp(-self._largest_step))
+        ease = self._ease
+        low = max(hardest, ease * math.exp(-self._largest_step))
         wanted_rad = self._practice.step_tolerance_rad
         reason = "as far as the errors should stay small"
         if self._expected_rms(low, forecast) <= wanted_rad:
-            if low > fastest_s:
+            if low > hardest:
                 reason = "the largest step that is allowed"
-            elif fastest_s > self._practice.goal_duration_s:
+            elif hardest > self._course.goal_ease:
+                fastest_s = self._course.movement(hardest).duration_s
                 reason = f"the fastest that the effort limits allow, about {fastest_s:.2f} s"
             else:
                 reason = "the goal"
             return self._planned(low, forecast, reason)
-        high = duration_s
+        high = ease
         for _ in range(_BISECTIONS):
             middle = math.sqrt(low * high)
             if self._expected_rms(middle, forecast) <= wanted_rad:
                 high = middle
             else:
                 low = middle
-        if high == duration_s:
+        if high == ease:
             reason = "repeated: no faster one is known well enough"
         return self._planned(high, forecast, reason)
 
     def _after_abort(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None
-        failed_s = self._plan.movement.duration_s
+        failed = self._ease
         # Small errors were expected, or it would not have been tried. So the arm is not what it was believed
-        # to be, and what was learned may be worth nothing: slow enough means slow enough without it.
-        slow_s = max(failed_s * _SLOWER_AFTER_ABORT, self._safe_s)
-        known_s = [good.duration_s for good in self._good if good.duration_s > failed_s]
-        while self._good and self._good[-1].duration_s <= failed_s:
-            self._good.pop()  # it has failed at a speed that was good once
-        if known_s:
-            self._largest_step = max(0.5 * math.log(known_s[-1] / failed_s), _LEAST_LIMIT)
-        back_to = self._good[-1].index if self._good else 0
+        # to be, and what was learned may be worth nothing: easy enough means easy enough without it.
+        easy = max(failed * _EASIER_AFTER_ABORT, self._safe_ease)
+        known = [good.ease for good in self._good if good.ease > failed]
+        while self._good and self._good[-1].ease <= failed:
+            self._good.pop()  # a movement has failed that was good once
+        if known:
+            self._largest_step = max(0.5 * math.log(known[-1] / failed), _LEAST_LIMIT)
+        easier = min(max([easy, *known[-1:]]), self._course.most_ease)
+        back_to = self._good[-1].index if self._good else self._first_index - 1
+        if easier <= failed and (self._plan.go_back_to == back_to or last.index == self._first_index):
+            return Ending(
+                "aborted",
+                f"trial {last.index} was aborted, and there is no easier movement: {last.message}",
+            )
         self._best, self._without_progress, self._repeated_once = math.inf, 0, False
         return self._planned(
-            max([slow_s, *known_s[-1:]]),
+            easier,
             forecast,
             f"back after the abort of trial {last.index}",
             go_back_to=back_to,
         )
 
     def _planned(
-        self, duration_s: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
+        self, ease: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
     ) -> PlannedTrial:
-        index = self._plan.index + 1 if self._plan else 1
-        movement = Movement(duration_s)
+        index = self._plan.index + 1 if self._plan else self._first_index
+        movement = self._course.movement(ease)
+        self._ease = ease
         # After going back the forecast would be that of the network that is left.
         self._expected_std = math.inf if go_back_to is not None else _rms(forecast(movement).std_rad)
         expected_rad = self._ratio * self._expected_std
         self._plan = PlannedTrial(
             index=index,
-            alpha=self._practice.goal_duration_s / duration_s,
+            alpha=self._course.alpha(movement),
             movement=movement,
             go_back_to=go_back_to,
             reason=reason,
@@ -229,8 +286,8 @@ class AdaptiveExtension:
         # Bad news count at once, good news by and by.
         self._ratio = max(found, math.sqrt(found * self._ratio), _MOST_OPTIMISTIC)
 
-    def _expected_rms(self, duration_s: float, forecast: Forecaster) -> float:
-        return self._ratio * _rms(forecast(Movement(duration_s)).std_rad)
+    def _expected_rms(self, ease: float, forecast: Forecaster) -> float:
+        return self._ratio * _rms(forecast(self._course.movement(ease)).std_rad)
 
 
 def _rms(values: np.ndarray) -> float:

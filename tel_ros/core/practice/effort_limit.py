@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tel_ros.core.config import ArmConfig
@@ -24,11 +26,13 @@ class EffortLimit:
 
     Args:
         arm: joints and effort limits.
+        at_duration: the movement of a duration in s, with whatever else it has while its speed varies.
     """
 
-    def __init__(self, arm: ArmConfig) -> None:
+    def __init__(self, arm: ArmConfig, at_duration: Callable[[float], Movement] = Movement) -> None:
         self._joints = arm.joints
         self._limit_nm = np.array(arm.effort_limit_nm)
+        self._at_duration = at_duration
         self._durations_s: list[float] = []
         self._static_nm: FloatArray | None = None
         self._dynamic_nms2: FloatArray | None = None
@@ -41,7 +45,7 @@ class EffortLimit:
         # static part from the others; of those the fastest are nearest to what is asked for.
         durations_s = np.array(sorted(self._durations_s)[: _MOST_DURATIONS - 1] + [max(self._durations_s)])
         durations_s = np.unique(durations_s)
-        efforts_nm = np.stack([forecast(Movement(float(t))).effort_nm for t in durations_s])
+        efforts_nm = np.stack([forecast(self._at_duration(float(t))).effort_nm for t in durations_s])
         columns = [durations_s**-2.0]
         if len(durations_s) > 1:
             columns.append(np.ones_like(durations_s))

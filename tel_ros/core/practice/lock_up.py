@@ -66,8 +66,8 @@ class LockUpMonitor:
         rms_error_rad: float,
         training_rms_before_rad: float,
         training_rms_after_rad: float,
-    ) -> str | None:
-        """Take in one trial and return what there is to say, or None.
+    ) -> str:
+        """Take in one trial and return what there is to say; empty: nothing.
 
         A trial that told nothing, because it did not reach its movement or nothing was learned from it, is
         passed over: give NaN.
@@ -80,21 +80,21 @@ class LockUpMonitor:
         """
         trial = _Trial(alpha, rms_error_rad, training_rms_before_rad, training_rms_after_rad)
         if not all(map(math.isfinite, (rms_error_rad, training_rms_before_rad, training_rms_after_rad))):
-            return None
+            return ""
         if self._trials and not math.isclose(alpha, self._trials[-1].alpha, rel_tol=1e-9):
             self._trials.clear()
         self._trials = [*self._trials, trial][-_TRIALS:]
         if len(self._trials) < _TRIALS or any(t.error_rad <= self._tolerance_rad for t in self._trials):
-            return None
+            return ""
         return self._lock_up() or self._divergence()
 
-    def _lock_up(self) -> str | None:
+    def _lock_up(self) -> str:
         first, last = self._trials[0], self._trials[-1]
         content = last.training_before_rad <= _CONTENT * last.error_rad
         fell = last.training_before_rad <= _CLEARLY * first.training_before_rad
         small = last.training_before_rad <= _VERY_CONTENT * last.error_rad
         if last.error_rad < _HARDLY * first.error_rad or not content or not (fell or small):
-            return None
+            return ""
         return (
             f"learning lock-up: in {_TRIALS} trials at α = {last.alpha:.3f} the tracking error went from "
             f"{_mrad(first.error_rad)} to {_mrad(last.error_rad)}, the training error from "
@@ -104,12 +104,12 @@ class LockUpMonitor:
             "whether efforts are clipped."
         )
 
-    def _divergence(self) -> str | None:
+    def _divergence(self) -> str:
         first, *later = self._trials
         last = later[-1]
         grown = all(trial.error_rad >= _GROWN * first.error_rad for trial in later)
         if not grown or last.error_rad < _HARDLY * max(trial.error_rad for trial in later):
-            return None
+            return ""
         return (
             f"learning diverges: in {_TRIALS} trials at α = {last.alpha:.3f} the tracking error went from "
             f"{_mrad(first.error_rad)} to {_mrad(last.error_rad)}. What is learned makes it worse. Go back "

@@ -8,6 +8,7 @@ import numpy as np
 
 from tel_ros.core.config import PracticeConfig
 from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
 from tel_ros.core.types import FloatArray
 
@@ -16,16 +17,14 @@ class FixedSchedule:
     """Trial after trial of a list, whatever comes out.
 
     Args:
-        durations_s: of the trials, in order. Shape (n,).
-        goal_duration_s: the duration that is α = 1.
+        movements: of the trials, in order.
+        course: says what their α is.
         stop_on_abort: whether a trial that was not completed ends the run.
     """
 
-    def __init__(
-        self, durations_s: FloatArray | Sequence[float], goal_duration_s: float, stop_on_abort: bool
-    ) -> None:
-        self._movements = [Movement(float(duration_s)) for duration_s in durations_s]
-        self._goal_duration_s = goal_duration_s
+    def __init__(self, movements: Sequence[Movement], course: Course, stop_on_abort: bool) -> None:
+        self._movements = list(movements)
+        self._course = course
         self._stop_on_abort = stop_on_abort
         self._done = 0
 
@@ -44,26 +43,47 @@ class FixedSchedule:
             return Ending("completed")
         movement = self._movements[self._done]
         self._done += 1
-        return PlannedTrial(self._done, self._goal_duration_s / movement.duration_s, movement)
+        return PlannedTrial(self._done, self._course.alpha(movement), movement)
 
 
 def trajectory_extension(config: PracticeConfig) -> FixedSchedule:
-    """Raise the speed step by step from the first to the goal duration ([Practice] Sec. 2.2 and 3).
+    """Go step by step from the first movement to the goal ([Practice] Sec. 2.2 and 3).
 
-    In even steps of duration T as in the paper, of speed 1/T, or of the torque that the movement needs,
-    1/T²; or through a list of durations.
+    The speed goes up in even steps of duration T as in the paper, of speed 1/T, or of the torque that the
+    movement needs, 1/T²; or through a list of durations. Whatever else varies goes in even steps of its
+    logarithm, the shape in even steps (see :class:`~.course.Leg`). The trials are spread evenly over all that
+    varies.
     """
-    stop_on_abort = config.on_abort == "stop"
+    course, stop_on_abort = Course.configured(config), config.on_abort == "stop"
     if config.durations_s:
-        return FixedSchedule(config.durations_s, config.goal_duration_s, stop_on_abort)
-    power = {"duration": 1.0, "speed": -1.0, "torque": -2.0}[config.spacing]
-    steps = np.linspace(config.first_duration_s**power, config.goal_duration_s**power, config.trials)
-    durations_s = steps ** (1.0 / power)
-    durations_s[-1] = config.goal_duration_s  # free of rounding: the last trial is the one that was asked for
-    return FixedSchedule(durations_s, config.goal_duration_s, stop_on_abort)
+        movements = [course.at_duration(duration_s) for duration_s in config.durations_s]
+        return FixedSchedule(movements, course, stop_on_abort)
+    movements = []
+    shares = np.array_split(np.arange(config.trials), len(course.legs))
+    for leg, trials in zip(course.legs, shares, strict=True):
+        # Where a leg begins is where the one before it has ended.
+        n_points = len(trials) + bool(movements)
+        movements += [
+            course.on_leg(leg, float(value))
+            for value in _even_steps(leg, n_points, config.spacing)[bool(movements) :]
+        ]
+    return FixedSchedule(movements, course, stop_on_abort)
 
 
 def direct(config: PracticeConfig) -> FixedSchedule:
-    """Practise at the goal speed from the start: the control condition of [Practice] Sec. 3."""
-    durations_s = np.full(config.trials, config.goal_duration_s)
-    return FixedSchedule(durations_s, config.goal_duration_s, config.on_abort == "stop")
+    """Practise the goal from the start: the control condition of [Practice] Sec. 3."""
+    goal = Movement(config.goal_duration_s)
+    return FixedSchedule([goal] * config.trials, Course.configured(config), config.on_abort == "stop")
+
+
+def _even_steps(leg: Leg, n: int, spacing: str) -> FloatArray:
+    """Return values of what varies on a leg from its first to its goal. Shape (n,)."""
+    if leg.varied == "speed":
+        power = {"duration": 1.0, "speed": -1.0, "torque": -2.0}[spacing]
+        steps = np.linspace(leg.first**power, leg.goal**power, n)
+        values: FloatArray = steps ** (1.0 / power)
+    else:
+        eases = np.exp(np.linspace(np.log(leg.first_ease), np.log(leg.goal_ease), n))
+        values = np.array([leg.value(float(ease)) for ease in eases])
+    values[-1] = leg.goal  # free of rounding: the last movement of a leg is the one that was asked for
+    return values

@@ -1,0 +1,111 @@
+"""The figures of a report that go over the trials of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SOFT
+from tel_ros.app.figures import WIDTH_IN, legend_below
+from tel_ros.app.report_data import TrialSummary
+from tel_ros.core.practice.theory import TheoryEstimate
+
+
+def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
+    """Return tracking error, training error and duration over the trials of a run."""
+    figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
+    tracking, training, duration = figure.subplots(1, 3)
+    rms = [t.rms_error_rad for t in trials]
+    peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
+    before = [t.training_rms_before_rad for t in trials]
+    after = [t.training_rms_after_rad for t in trials]
+    _over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
+    tracking.set(title="Tracking error", ylabel="error [rad]")
+    _over_trials(
+        training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
+    )
+    training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
+    _over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
+    duration.set(title="Duration of the movement", ylabel="duration [s]")
+    duration.set_ylim(bottom=0.0)
+    if not all(trial.completed for trial in trials):
+        mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
+        legend_below(figure, "constrained", [[mark]])
+    return figure
+
+
+def _over_trials(
+    axes: Axes,
+    trials: Sequence[TrialSummary],
+    series: Sequence[tuple[Sequence[float], str, str, str]],
+    *,
+    log: bool,
+) -> None:
+    """Draw series of (values, label, colour, marker) over the numbers of the trials."""
+    numbers = [trial.index for trial in trials]
+    for trial in trials:
+        if not trial.completed:
+            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
+    for values, label, colour, marker in series:
+        axes.plot(
+            numbers, values, color=colour, marker=marker, markersize=3.6, linewidth=1.0, label=label or None
+        )
+    known = [value for values, *_ in series for value in values if math.isfinite(value)]
+    if log and any(value > 0.0 for value in known):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    if not known:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.set_yticks([])
+    axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
+    axes.set_xlabel("trial")
+    axes.grid(axis="y")
+    axes.set_axisbelow(True)
+    if known and any(label for _, label, *_ in series):
+        axes.legend(loc="best")
+
+
+def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:
+    """Return what the theorems of [Practice] speak of, over the trials that were learned from.
+
+    Args:
+        trials: of a run; at least one.
+        estimates: one a trial.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
+    errors, factors = figure.subplots(1, 2)
+    steps = [e.step_rad if e.step_rad > 0.0 else math.nan for e in estimates]
+    _over_trials(
+        errors,
+        trials,
+        [
+            (steps, "allowed for the step", PURPLE, "v"),
+            ([e.tracking_error_rad for e in estimates], "tracking", BLUE, "o"),
+            ([e.training_error_rad for e in estimates], "training", GREEN, "s"),
+            ([e.command_error_rad for e in estimates], "command, estimated", ORANGE, "^"),
+        ],
+        log=True,
+    )
+    errors.set(title="Errors and the bound of Theorem 3", ylabel="RMS [rad]")
+    _over_trials(
+        factors,
+        trials,
+        [
+            ([e.k_r for e in estimates], "k_R", BLUE, "o"),
+            ([e.theorem_1 for e in estimates], "1 − γ + γ k_R", GREEN, "s"),
+            ([e.contraction for e in estimates], "what training made of it", INK, "^"),
+        ],
+        log=False,
+    )
+    factors.axhline(1.0, color=GREY, linewidth=0.8)
+    factors.set(title="Contraction of the command error", ylabel="factor")
+    factors.set_ylim(bottom=0.0)
+    return figure

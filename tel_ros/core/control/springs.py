@@ -1,0 +1,136 @@
+"""Stiffness and damping of the virtual springs, and what it takes to change them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tel_ros.core.config import ArmConfig
+from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Springs:
+    """K and B of the springs at all joints.
+
+    Args:
+        stiffness_nm_per_rad: K. Shape (n_joints,).
+        damping_nms_per_rad: B. Shape (n_joints,).
+
+    Raises:
+        TrajectoryError: the shapes differ, or a value is not finite, K is not above 0, or B is below 0.
+    """
+
+    stiffness_nm_per_rad: FloatArray
+    damping_nms_per_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        k, b = self.stiffness_nm_per_rad, self.damping_nms_per_rad
+        if k.ndim != 1 or k.shape != b.shape:
+            raise TrajectoryError(
+                f"stiffness and damping have shapes {k.shape} and {b.shape}; expected one value a joint"
+            )
+        # Written so that NaN fails.
+        if not (np.all((k > 0.0) & (k < math.inf)) and np.all((b >= 0.0) & (b < math.inf))):
+            raise TrajectoryError(
+                f"stiffness is {k.tolist()} N·m/rad and damping {b.tolist()} N·m·s/rad; expected finite "
+                "numbers, stiffness above 0 and damping of at least 0"
+            )
+
+    @classmethod
+    def of(cls, arm: ArmConfig) -> Springs:
+        """Return the springs of a configured arm."""
+        return cls(np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad))
+
+    def equal(self, other: Springs) -> bool:
+        """Return whether K and B are the same to the last bit."""
+        return np.array_equal(self.stiffness_nm_per_rad, other.stiffness_nm_per_rad) and np.array_equal(
+            self.damping_nms_per_rad, other.damping_nms_per_rad
+        )
+
+    def scaled(self, factor: float) -> Springs:
+        """Return springs with ``factor`` times K. B goes with its root, which keeps the damping ratio."""
+        return Springs(factor * self.stiffness_nm_per_rad, math.sqrt(factor) * self.damping_nms_per_rad)
+
+    def require_within(self, factor: float, configured: Springs) -> None:
+        """Refuse springs that are much stiffer or softer than the configured ones.
+
+        Stiffer ones need a faster control loop than the configured ones; with softer ones, a given effort
+        takes an equilibrium point that is further away.
+
+        Raises:
+            TrajectoryError: another number of joints, or a K or B beyond ``factor`` times the configured one
+                or below its ``factor``-th part.
+        """
+        for name, found, reference, unit in (
+            ("stiffness", self.stiffness_nm_per_rad, configured.stiffness_nm_per_rad, "N·m/rad"),
+            ("damping", self.damping_nms_per_rad, configured.damping_nms_per_rad, "N·m·s/rad"),
+        ):
+            low, high = reference / factor, reference * factor
+            # The margin is for rounding: the bound itself may be asked for.
+            if found.shape != reference.shape or not np.all(
+                (found >= low * (1.0 - 1e-9)) & (found <= high * (1.0 + 1e-9))
+            ):
+                raise TrajectoryError(
+                    f"{name} is {found.tolist()} {unit}; expected {low.tolist()} to {high.tolist()}"
+                )
+
+    def equilibrium_for(
+        self,
+        other: Springs,
+        equilibrium_rad: FloatArray,
+        position_rad: FloatArray,
+        velocity_rad_s: FloatArray,
+    ) -> FloatArray:
+        """Return where these springs have to pull to for the effort that others exert.
+
+        K (u - q) - B q̇ = K' (u' - q) - B' q̇. Equal springs give back the same array.
+
+        Args:
+            other: K' and B'.
+            equilibrium_rad: u'. Shape (n_joints,) or (n, n_joints), as all of these.
+            position_rad: q.
+            velocity_rad_s: q̇.
+        """
+        if self.equal(other):
+            return equilibrium_rad
+        k, b = self.stiffness_nm_per_rad, self.damping_nms_per_rad
+        other_k, other_b = other.stiffness_nm_per_rad, other.damping_nms_per_rad
+        effort_nm = other_k * (equilibrium_rad - position_rad) - other_b * velocity_rad_s
+        equilibrium: FloatArray = position_rad + (effort_nm + b * velocity_rad_s) / k
+        return equilibrium
+
+
+@dataclass(frozen=True)
+class SpringChange:
+    """One trial's springs, where they are not those that learners learn for.
+
+    Args:
+        used: in the trial.
+        configured: what û - q of a learner is defined for.
+    """
+
+    used: Springs
+    configured: Springs
+
+
+def learned_equilibrium(
+    change: SpringChange | None,
+    equilibrium_rad: FloatArray,
+    position_rad: FloatArray,
+    velocity_rad_s: FloatArray,
+) -> FloatArray:
+    """Return the û of the configured springs that would have exerted what the springs of a trial did.
+
+    Args:
+        change: the springs; None: they were the configured ones.
+        equilibrium_rad: û as sent. Shape (n, n_joints).
+        position_rad: as measured. Shape (n, n_joints).
+        velocity_rad_s: as measured, and as it went into the control law. Shape (n, n_joints).
+    """
+    if change is None:
+        return equilibrium_rad
+    return change.configured.equilibrium_for(change.used, equilibrium_rad, position_rad, velocity_rad_s)

@@ -1,0 +1,60 @@
+"""Practice that decides for itself, on the real graph: the same decisions and trials as without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from graph_harness import ROOT, TelProcess, summary_of
+
+from sim_bridge.offline import OfflinePractice
+from tel_ros.app.report_data import read_run
+from tel_ros.app.report_theory import run_theory
+from tel_ros.core.control.records import Outcome
+from tel_ros.core.practice.decisions import Ending
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.network_file import load_network
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.run_folder import network_after
+from tel_ros.recording.waypoint_file import load_path
+
+PLANAR = ROOT / "config" / "planar_arm.yaml"
+TOO_FAST_AT_FIRST = (
+    "practice.strategy=adaptive_extension",
+    "practice.first_duration_s=6.0",
+    "practice.goal_duration_s=4.0",
+    "practice.trials=4",
+    "control.corridor_rad=0.35",
+)
+"""The first trial leaves the corridor, so that the run goes back to the network that it began with; four
+trials are not enough for the goal."""
+
+
+@pytest.mark.timeout(150)
+def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: Callable[..., TelProcess]) -> None:
+    run = tel(*TOO_FAST_AT_FIRST, config=PLANAR)
+    config = load_config(PLANAR, TOO_FAST_AT_FIRST)
+    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        offline = practice.run()
+    code, out, err = run.finish()
+    assert code == 1, err
+    summary = summary_of(out)
+    assert isinstance(practice.ending, Ending) and practice.ending.message in err
+    assert (summary["outcome"], summary["message"]) == (practice.ending.outcome, practice.ending.message)
+    rows = summary["trials"]
+    assert [row["outcome"] for row in rows][:2] == ["aborted", "completed"]
+    assert rows[1]["went_back_to"] == 0
+    assert [row["reason"] for row in rows] == [practised.plan.reason for practised in offline]
+    for key in ("alpha", "duration_s", "rms_error_rad", "max_error_rad", "ticks"):
+        assert [row[key] for row in rows] == [getattr(done.trial.report, key) for done in offline], key
+    learned = [
+        load_network(network_after(run.folder, done.plan.index)).trials_learned
+        for done in offline
+        if done.trial.report.outcome == Outcome.COMPLETED
+    ]
+    assert learned == list(range(1, len(learned) + 1))
+    assert load_network(network_after(run.folder, 0)).trials_learned == 0
+    theory = run_theory(read_run(run.folder))
+    assert [trial.index for trial in theory.trials] == [2, 3, 4]
+    assert theory.missing == ""
+    assert all(0.0 < estimate.k_r < 1.0 for estimate in theory.estimates)
