@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -26,7 +26,7 @@ from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
-from tel_ros.recording.message_types import typestore
+from tel_ros.recording.message_types import to_cdr, typestore
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
@@ -216,8 +216,10 @@ class TrialRecorderNode(Node):
     def _write_once(self, writer: TrialBagWriter, result: TrialResult) -> None:
         """Add the goal at the beginning of RUN and the result at the end."""
         run_ns = time_ns(result.run_stamp) or time_ns(result.start_stamp)
-        writer.write(topics.TRIAL_GOAL, run_ns, serialize_message(self._goal))
-        writer.write(topics.TRIAL_RESULT, time_ns(result.end_stamp), serialize_message(result))
+        writer.write(topics.TRIAL_GOAL, run_ns, to_cdr("tel_interfaces/msg/TrialGoal", self._goal))
+        writer.write(
+            topics.TRIAL_RESULT, time_ns(result.end_stamp), to_cdr("tel_interfaces/msg/TrialResult", result)
+        )
 
 
 def main() -> None:

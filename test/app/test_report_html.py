@@ -59,7 +59,8 @@ def test_the_report_has_every_part_in_its_order(good_report: Path) -> None:
     page = Page(good_report)
     sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
     assert sections == [
-        "hand-path", "errors", "torques", "tracking", "trials", "theory", "growth", "configuration", "versions",
+        "hand-path", "errors", "torques", "tracking", "trials", "theory", "growth", "configuration",
+        "versions",
     ]  # fmt: skip
     assert page.count("svg") == 4
     for part in (
