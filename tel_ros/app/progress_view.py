@@ -51,7 +51,9 @@ class ProgressView:
 
     def update(self, feedback: Practice.Feedback) -> None:
         """Take in a message about the progress of the run."""
-        trial = f"trial {feedback.trial:2d}/{feedback.trials}  α {feedback.alpha:.3f}"
+        # A strategy that gives reasons decides as it goes: how many trials it will be is a guess.
+        about = "~" if feedback.reason else ""
+        trial = f"trial {feedback.trial:2d}/{about}{feedback.trials}  α {feedback.alpha:.3f}"
         text = f"{trial}  {feedback.stage:<10}"
         if not math.isnan(feedback.max_error_rad):
             text += f"  error up to {feedback.max_error_rad:.3f} rad"
