@@ -139,6 +139,10 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
         click.echo(json.dumps(summary, indent=2))
         return
     _OUT.print(trial_table(summary["trials"]))
+    warned = [trial for trial in summary["trials"] if trial["warning"]]
+    if warned:  # the last one knows most
+        text = f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}"
+        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
     if summary["outcome"] == "completed" and summary["message"]:
         _OUT.print(f"result  {summary['message']}", highlight=False, soft_wrap=True)
     _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)

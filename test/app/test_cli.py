@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
+from tel_ros.app import cli
 from tel_ros.app.cli import main
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -40,6 +43,12 @@ def waypoints(tmp_path: Path, text: str) -> str:
             ["sim.command_delay_s", "0.003", "multiple of the control period 0.002 s"],
         ),
         ("practice.strategy", ["practice.strategy", "an assignment"]),
+        ("practice.strategy=adaptive", ["practice.strategy", "adaptive", "'adaptive_extension'"]),
+        ("practice.durations_s=[9, 3]", ["practice.durations_s", "3.0", "at least goal_duration_s = 4.5 s"]),
+        ("practice.tolerance_rad=0.3", ["practice.step_tolerance_rad", "0.02", "tolerance_rad = 0.3"]),
+        ("practice.vary=[shape]", ["path.known"]),
+        ("practice.vary=[speed, tempo]", ["practice.vary", "tempo", "amplitude"]),
+        ("practice.vary=[speed, speed]", ["practice.vary", "speed"]),
     ],
 )
 def test_wrong_values_are_named_with_what_was_expected(
@@ -101,3 +110,22 @@ def test_help_names_the_commands_and_the_exit_codes() -> None:
     assert code == 0
     for part in ("practice", "report", "Exit codes"):
         assert part in out
+
+
+def test_a_warning_about_learning_is_said_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = (
+        "alpha",
+        "duration_s",
+        "rms_error_rad",
+        "max_error_rad",
+        "training_rms_before_rad",
+        "training_rms_after_rad",
+    )
+    trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed"}
+    warnings = ["", "learning lock-up: [early]", "learning lock-up: [late]", ""]
+    trials = [{**trial, "index": k, "warning": text} for k, text in enumerate(warnings, start=1)]
+    shown = io.StringIO()
+    monkeypatch.setattr(cli, "_OUT", Console(file=shown, width=200))
+    cli._show({"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, as_json=False)
+    assert "trial 3: learning lock-up: [late]" in shown.getvalue()
+    assert "early" not in shown.getvalue()
