@@ -83,6 +83,7 @@ class AdaptiveExtension:
         self._effort = EffortLimit(arm, self._course.at_duration)
         self._plan: PlannedTrial | None = None
         self._expected_std = math.inf
+        self._began_unlearned = False
         self._ratio = 1.0
         """Tracking errors in proportion to the learner's standard deviation, as they came."""
         self._largest_step = _FIRST_STEP
@@ -104,7 +105,9 @@ class AdaptiveExtension:
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""
         if last is None or self._plan is None:
-            return self._planned(self._first_ease, forecast, "the first trial")
+            plan = self._planned(self._first_ease, forecast, "the first trial")
+            self._began_unlearned = math.isinf(self._expected_std)
+            return plan
         if last.outcome == Outcome.CANCELLED:
             return Ending("cancelled", "the run was cancelled")
         if last.outcome == Outcome.COMPLETED:
@@ -134,7 +137,9 @@ class AdaptiveExtension:
         practice, error_rad = self._practice, last.rms_error_rad
         ease = self._ease
         self._learn_ratio(error_rad)
-        unlearned = last.index == 1 or (self._plan is not None and self._plan.go_back_to == 0)
+        unlearned = self._began_unlearned and (
+            last.index == 1 or (self._plan is not None and self._plan.go_back_to == 0)
+        )
         if unlearned and self._course.deviates_with_ease:
             # Without a network the deviation is what the torques make it, and these go with 1/T².
             self._safe_ease = ease * math.sqrt(last.max_error_rad / (0.5 * self._corridor_rad))

@@ -103,10 +103,6 @@ class MadeUpArm:
         self._known_after[plan.index] = list(self._known_s)
         return report_of(plan, Outcome.ABORTED if aborted else Outcome.COMPLETED, error_rad, 3.0 * error_rad)
 
-    def forget(self) -> None:
-        """Be another arm from now on: what has been learned is worth nothing."""
-        self._known_s = []
-
 
 def practise(
     strategy: Strategy, arm: MadeUpArm, changes: dict[int, MadeUpArm] | None = None

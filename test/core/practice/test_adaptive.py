@@ -167,3 +167,9 @@ def test_the_outlook_leads_to_the_goal_and_is_empty_there() -> None:
     assert first[0] == 11.5 and first[-1] == 4.5 and first == sorted(first, reverse=True)
     practise(strategy, MadeUpArm())
     assert list(strategy.outlook()) == []
+
+
+def test_a_network_from_an_earlier_run_that_does_not_fit_is_not_taken_for_an_unlearned_one() -> None:
+    plans, reports, _ = practise(adaptive(), MadeUpArm(frankness=0.01, _known_s=[30.0]))
+    assert reports[0].rms_error_rad > 0.02
+    assert "repeated" in plans[1].reason and plans[1].movement == plans[0].movement

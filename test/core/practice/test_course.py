@@ -185,7 +185,7 @@ def test_after_an_abort_practice_goes_back_to_what_is_safe_without_a_network(
     strategy = AdaptiveExtension(settings, config_of().arm, 1.0)
     last = None
     while True:
-        plan = strategy.next(last, forecast_of_a_good_learner)
+        plan = strategy.next(last, forecast_of_a_good_learner if last else MadeUpArm().forecast)
         assert isinstance(plan, PlannedTrial)
         if plan.movement.duration_s < 6.5:
             break
