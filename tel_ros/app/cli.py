@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from tel_ros.app.errors import (
     EXIT_NOT_COMPLETED,
     GraphError,
     NodeDiedError,
+    end,
 )
 from tel_ros.app.sweep_command import sweep
 from tel_ros.core.errors import TelError
@@ -86,19 +86,22 @@ def practice(
             result = practise(config, folder, view.update)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
-        _end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED, folder)
+        end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
     except TelError as error:
-        _end(str(error), EXIT_BAD_INPUT)
+        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        _end("interrupted: the arm was brought to rest and all nodes have ended", EXIT_INTERRUPTED, folder)
+        end(
+            "interrupted: the arm was brought to rest and all nodes have ended" + _left(folder),
+            EXIT_INTERRUPTED,
+        )
     summary = read_summary(folder)
     _show(summary, folder, as_json)
     if with_report and summary["trials"]:
         _report_at_the_end(folder, as_json)
     if result.outcome == "failed":
-        _end(result.message, EXIT_GRAPH_FAILED, folder)
+        end(f"{result.message}{_left(folder)}", EXIT_GRAPH_FAILED)
     if result.outcome != "completed":
-        _end(result.message, EXIT_NOT_COMPLETED, folder)
+        end(f"{result.message}{_left(folder)}", EXIT_NOT_COMPLETED)
 
 
 main.add_command(compare)
@@ -112,7 +115,7 @@ def report(run: Path) -> None:
     try:
         click.echo(_report(run))
     except TelError as error:
-        _end(str(error), EXIT_BAD_INPUT)
+        end(str(error), EXIT_BAD_INPUT)
 
 
 def _report(folder: Path) -> Path:
@@ -148,11 +151,9 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
     _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
 
 
-def _end(message: str, code: int, folder: Path | None = None) -> None:
-    """Say what happened in one line and exit."""
-    left = f" (what was recorded is in {folder})" if folder is not None and folder.exists() else ""
-    click.echo(f"tel: {message}{left}", err=True)
-    sys.exit(code)
+def _left(folder: Path) -> str:
+    """Return where to find what was recorded, if anything was."""
+    return f" (what was recorded is in {folder})" if folder.exists() else ""
 
 
 if __name__ == "__main__":

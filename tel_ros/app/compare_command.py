@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import sys
+import signal
 from pathlib import Path
-from typing import NoReturn
 
 import click
 from rich.console import Console
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import TelError
 
 
@@ -53,16 +52,17 @@ def compare(
     def show(run: MethodRun, done: int, total: int) -> None:
         click.echo(f"{done:3d}/{total}  arm {run.seed}  {run.method}", err=True)
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     names = tuple(name.strip() for name in methods.split(",") if name.strip())
     try:
         task = Task(config_file, overrides, trials)
         comparison = compare_methods(task, names, seeds, jobs, show)
     except RunFailedError as error:
-        _end(str(error), EXIT_NOT_COMPLETED)
+        end(str(error), EXIT_NOT_COMPLETED)
     except TelError as error:
-        _end(str(error), EXIT_BAD_INPUT)
+        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        _end("interrupted", EXIT_INTERRUPTED)
+        end("interrupted", EXIT_INTERRUPTED)
     if out is not None:
         from tel_ros.app.comparison_files import write_files  # late: plotting takes a second to import
 
@@ -72,7 +72,7 @@ def compare(
         try:
             write_files(comparison, out, f"tel compare {shlex.quote(str(config_file))} {' '.join(options)}")
         except TelError as error:
-            _end(str(error), EXIT_BAD_INPUT)
+            end(str(error), EXIT_BAD_INPUT)
     if as_json:
         click.echo(json_text(comparison))
         return
@@ -82,9 +82,3 @@ def compare(
     console.print(speed_text(comparison), highlight=False)
     if out is not None:
         console.print(f"written to {out}", highlight=False, soft_wrap=True)
-
-
-def _end(message: str, code: int) -> NoReturn:
-    """Say what happened in one line and exit."""
-    click.echo(f"tel: {message}", err=True)
-    sys.exit(code)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tel_ros.app.comparison_methods import MethodSpec, chosen, goal_movement
+from tel_ros.app.worker_pool import worker_pool
 from tel_ros.core.comparison.feedforward import Feedforward
 from tel_ros.core.comparison.method import Method
 from tel_ros.core.comparison.results import MethodRun, TrialResult
@@ -108,23 +107,14 @@ def compare(
         method_config(task, spec, 1)  # before any work begins
     items = [(spec.name, seed) for seed in range(1, n_seeds + 1) for spec in specs]
     started, done = time.monotonic(), {}
-    # Spawned, not forked: a fresh interpreter has no state of this one that a run could depend on.
-    # An interrupt is for this process alone; those of the pool finish the run that they are at.
-    no_interrupt = (signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=signal.signal, initargs=no_interrupt
-    ) as pool:
+    with worker_pool(jobs) as pool:
         futures = [pool.submit(_run_or_complaint, task, name, seed) for name, seed in items]
-        try:
-            for future in as_completed(futures):
-                run = future.result()
-                if isinstance(run, str):
-                    raise RunFailedError(run)
-                done[run.method, run.seed] = run
-                on_run(run, len(done), len(items))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        for future in as_completed(futures):
+            run = future.result()
+            if isinstance(run, str):
+                raise RunFailedError(run)
+            done[run.method, run.seed] = run
+            on_run(run, len(done), len(items))
     runs = {s.name: tuple(done[s.name, seed] for seed in range(1, n_seeds + 1)) for s in specs}
     return Comparison(specs, runs, time.monotonic() - started)
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from typing import NoReturn
+
+import click
+
 from tel_ros.core.errors import TelError
 
 EXIT_NOT_COMPLETED = 1
@@ -25,3 +30,9 @@ class NodeDiedError(GraphError):
     def __init__(self, message: str, bad_input: bool) -> None:
         self.bad_input = bad_input
         super().__init__(message)
+
+
+def end(message: str, code: int) -> NoReturn:
+    """Say in one line what happened, and exit."""
+    click.echo(f"tel: {message}", err=True)
+    sys.exit(code)

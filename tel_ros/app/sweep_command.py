@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import signal
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.app.sweep_plan import MapPlan, SweepFile, make_plan, read_sweep_file
 from tel_ros.core.errors import TelError
 
@@ -90,19 +89,19 @@ def sweep(
         workforce = Workforce(executor, jobs, address)
         work = Sweep(config_file, plan, out)
     except TelError as error:
-        _end(str(error), EXIT_BAD_INPUT)
+        end(str(error), EXIT_BAD_INPUT)
     try:
         _run(work, workforce)
     except KeyboardInterrupt:
         work.folder.write_table(work.rows())
-        _end(
+        end(
             f"interrupted: {work.n_done} of {len(work.points)} points are done; "
             f"the same command goes on ({work.folder.path})",
             EXIT_INTERRUPTED,
         )
     except SweepBrokenError as error:
         work.folder.write_table(work.rows())
-        _end(str(error), EXIT_GRAPH_FAILED)
+        end(str(error), EXIT_GRAPH_FAILED)
     rows = work.rows()
     files = work.folder.write_table(rows)
     if plan.map is not None and rows:
@@ -114,7 +113,7 @@ def sweep(
             click.echo(path)
     failed = [row for row in rows if row["outcome"] == FAILED]
     if failed:
-        _end(f"{len(failed)} of {len(rows)} points failed, e.g.: {failed[0]['message']}", EXIT_NOT_COMPLETED)
+        end(f"{len(failed)} of {len(rows)} points failed, e.g.: {failed[0]['message']}", EXIT_NOT_COMPLETED)
 
 
 def _run(work: Sweep, workforce: Workforce) -> None:
@@ -143,9 +142,3 @@ def _draw(plan: MapPlan, rows: list[Row], folder: Path) -> list[Path]:
     from tel_ros.app.sweep_map import write_map  # late: plotting takes a second to import
 
     return write_map(rows, plan, folder / "map")
-
-
-def _end(message: str, code: int) -> NoReturn:
-    """Say what happened in one line and exit."""
-    click.echo(f"tel: {message}", err=True)
-    sys.exit(code)

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import importlib.util
 import logging
-import multiprocessing
 import os
 import secrets
-import signal
-import threading
 from collections.abc import Callable, Generator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection, wait
 from typing import Any, Literal
 
 from tel_ros.app.sweep_point import failure, run_point
+from tel_ros.app.worker_pool import worker_pool
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, TelError
 
@@ -60,31 +57,10 @@ def on_processes(points: Mapping[str, Config], jobs: int) -> Results:
     Raises:
         SweepBrokenError: a worker was killed.
     """
-    # Not by fork: what the parent has loaded may have threads, and these do not survive it.
-    context = multiprocessing.get_context("spawn")
-    # The other end closes when this process ends, by whatever: then workers end, in the middle of a point.
-    watched, held = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(jobs, context, initializer=_end_with, initargs=(watched,))
-    try:
-        futures = {executor.submit(run_point, config): key for key, config in points.items()}
+    with worker_pool(jobs) as pool:
+        futures = {pool.submit(run_point, config): key for key, config in points.items()}
         for future in as_completed(futures):
             yield futures[future], _result_of(future)
-    finally:
-        executor.shutdown(wait=False, cancel_futures=True)
-        held.close()
-        executor.shutdown(wait=True)
-        watched.close()
-
-
-def _end_with(watched: Connection) -> None:
-    """Let this worker end when the sweep does; Ctrl-C on the terminal is the sweep's business."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        wait([watched])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _result_of(future: Future[dict[str, Any]]) -> dict[str, Any]:
