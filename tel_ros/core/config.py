@@ -310,6 +310,9 @@ class ControlConfig:
     """Not at rest after this: the trial is aborted."""
     state_timeout_s: float = 0.1
     """No new joint state for this long (wall clock) aborts the trial and commands zero effort."""
+    velocity_filter_hz: float = 100.0
+    """Low-pass of velocities that are estimated from positions, for joints whose velocity the joint states do
+    not tell. Lower for coarse encoders."""
     max_stiffness_factor: float = 10.0
     """A trial with springs more than this many times as stiff or as damped as the arm's, or less than one in
     this many, is refused."""
@@ -323,6 +326,7 @@ class ControlConfig:
             "settle_speed_rad_s",
             "settle_time_s",
             "state_timeout_s",
+            "velocity_filter_hz",
         )
         _require(
             1.0 <= self.max_stiffness_factor < math.inf,

@@ -13,8 +13,10 @@ from tel_interfaces.msg import ControlState, TrialResult
 from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from tel_ros.core.config import ControlConfig
 from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.springs import Springs
+from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
@@ -38,14 +40,27 @@ def to_array(values: FloatArray) -> array[float]:
 class JointStateReader:
     """Picks the arm's joints out of joint states, by name.
 
+    Velocities that the arm does not tell (the field is empty, or NaN for a joint) are estimated.
+
     Args:
         joints: names, in the order of all arrays.
+        control: how to estimate velocities.
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], control: ControlConfig) -> None:
         self._joints = list(joints)
+        self._velocities = MissingVelocities(
+            VelocityEstimator(
+                len(self._joints), cutoff_hz=control.velocity_filter_hz, max_gap_s=control.state_timeout_s
+            )
+        )
         self._names: list[str] | None = None
         self._columns: list[int] | slice = slice(None)
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Joints whose velocity is estimated at present."""
+        return tuple(self._joints[k] for k in self._velocities.estimated)
 
     def read(self, message: JointState) -> ArmState:
         """Return the state of the arm's joints.
@@ -62,16 +77,16 @@ class JointStateReader:
             columns = [names.index(joint) for joint in self._joints]
             self._columns = slice(None) if columns == list(range(len(names))) else columns
             self._names = list(names)
-        if not len(names) == len(message.position) == len(message.velocity):
+        if len(message.position) != len(names) or len(message.velocity) not in (len(names), 0):
             raise StateError(
                 f"the joint state has {len(names)} names, {len(message.position)} positions and "
-                f"{len(message.velocity)} velocities; expected as many of each"
+                f"{len(message.velocity)} velocities; expected as many of each, or no velocities"
             )
-        return ArmState(
-            time_ns=time_ns(message.header.stamp),
-            position_rad=np.array(message.position)[self._columns],
-            velocity_rad_s=np.array(message.velocity)[self._columns],
-        )
+        stamp_ns = time_ns(message.header.stamp)
+        position_rad = np.array(message.position)[self._columns]
+        velocity = np.array(message.velocity) if message.velocity else np.full(len(names), np.nan)
+        velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity[self._columns])
+        return ArmState(time_ns=stamp_ns, position_rad=position_rad, velocity_rad_s=velocity_rad_s)
 
 
 class EffortCommand:

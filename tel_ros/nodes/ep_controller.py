@@ -54,7 +54,8 @@ class EpControllerNode(Node):
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
         )
-        self._reader = JointStateReader(self._joints)
+        self._reader = JointStateReader(self._joints, config.control)
+        self._estimated: tuple[str, ...] = ()
         self._command = EffortCommand(len(self._joints))
         self._control_state = ControlStateFiller()
         self._goal_handle: ServerGoalHandle | None = None
@@ -91,6 +92,9 @@ class EpControllerNode(Node):
             cancel_callback=self._cancel,
         )
         self._result = TrialResult()
+        # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
+        # the caller): now, not in the first tick of a trial.
+        self.get_logger().info(f"waits for {topics.JOINT_STATES}")
 
     def stop(self) -> None:
         """Bring a moving arm to rest."""
@@ -114,6 +118,8 @@ class EpControllerNode(Node):
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
+        if self._reader.estimated != self._estimated:
+            self._say_what_is_estimated()
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
         self._seen = state
         if is_new or not self._controller.active:
@@ -125,6 +131,16 @@ class EpControllerNode(Node):
         elif self._controller.active:
             # A waiting arm repeats its state until it gets the answer.
             self._effort_pub.publish(self._command.message)
+
+    def _say_what_is_estimated(self) -> None:
+        self._estimated = self._reader.estimated
+        if self._estimated:
+            self.get_logger().warning(
+                f"the joint states have no velocity for {', '.join(self._estimated)}: "
+                "it is estimated from the positions (control.velocity_filter_hz)"
+            )
+        else:
+            self.get_logger().info("the joint states have all velocities now: none is estimated")
 
     def _answer(self, state: ArmState) -> None:
         goal = self._controller.goal

@@ -194,3 +194,35 @@ def test_states_that_cannot_be_used_are_never_answered(graph: StartGraph) -> Non
         lambda: publish_missing_joint() or complaint in running.log("ep_controller"), 10.0, complaint
     )
     assert all(list(message.data) == [0.0, 0.0] for message in commands[heard + 5 :])
+
+
+@pytest.mark.parametrize("velocity", [[], [float("nan"), 0.0, float("nan")]], ids=["empty", "NaN"])
+def test_missing_velocities_are_estimated_and_that_is_said_once(
+    graph: StartGraph, velocity: list[float]
+) -> None:
+    running = graph(["ep_controller"], "run.arm=external")
+    states = running.listen(ControlState, topics.CONTROL_STATES)
+    running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    arm = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    stamp_ns = 1_000_000_000
+
+    def publish() -> None:
+        nonlocal stamp_ns
+        stamp_ns += 2_000_000
+        moved = 0.1 * (stamp_ns / 1e9 - 1.0)
+        message = JointState(
+            name=["elbow", "gripper", "shoulder"], position=[1.3, 0.0, 0.5 + moved], velocity=velocity
+        )
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        arm.publish(message)
+        running.executor.spin_once(timeout_sec=0.002)
+
+    def still_and_moving() -> bool:
+        publish()
+        return bool(states) and np.allclose(states[-1].velocity_rad_s, [0.1, 0.0], atol=1e-6)
+
+    running.spin_until(still_and_moving, 20.0, "the velocity of the shoulder")
+    for _ in range(100):
+        publish()
+    complaint = "have no velocity for shoulder, elbow: it is estimated from the positions"
+    assert running.log("ep_controller").count(complaint) == 1

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tel_ros.core.control.velocity import VelocityEstimator
+from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import ConfigError, StateError
 from tel_ros.core.types import NS_PER_S, FloatArray
 
@@ -129,3 +129,49 @@ def test_settings_that_make_no_sense_are_refused(key: str, value: float) -> None
     settings = {"cutoff_hz": 100.0, "max_gap_s": 0.1} | {key: value}
     with pytest.raises(ConfigError, match=f"{key} is .*expected a finite number above 0"):
         VelocityEstimator(1, **settings)
+
+
+NAN = math.nan
+
+
+def fill(missing: MissingVelocities, k: int, velocity: list[float]) -> list[float]:
+    """Hand in the state of tick k of an arm whose joints all move at 1 rad/s; return the velocities."""
+    time_ns = k * 2_000_000
+    return missing.fill(time_ns, np.full(len(velocity), 1e-9 * time_ns), np.array(velocity)).tolist()
+
+
+def test_reported_velocities_are_passed_on_and_missing_ones_estimated() -> None:
+    missing = MissingVelocities(estimator(n_joints=3))
+    assert fill(missing, 0, [0.9, NAN, NAN]) == [0.9, 0.0, 0.0]
+    assert fill(missing, 1, [0.8, NAN, NAN]) == pytest.approx([0.8, 1.0, 1.0])
+    assert missing.estimated == (1, 2)
+
+
+def test_an_arm_that_reports_all_velocities_is_left_alone() -> None:
+    missing = MissingVelocities(estimator(n_joints=2))
+    velocity = np.array([0.1, 0.2])
+    assert missing.fill(0, np.array([0.0, 0.0]), velocity) is velocity
+    assert missing.estimated == ()
+
+
+def test_a_velocity_that_is_nan_after_it_has_been_reported_once_is_not_made_up() -> None:
+    missing = MissingVelocities(estimator(n_joints=2))
+    fill(missing, 0, [0.5, NAN])
+    assert fill(missing, 1, [NAN, NAN]) == pytest.approx([NAN, 1.0], nan_ok=True)
+    assert fill(missing, 2, [0.5, 0.6]) == [0.5, 0.6]
+    assert fill(missing, 3, [NAN, NAN]) == pytest.approx([NAN, NAN], nan_ok=True)
+    assert missing.estimated == ()
+
+
+def test_an_infinite_velocity_is_a_fault_and_not_a_missing_one() -> None:
+    missing = MissingVelocities(estimator(n_joints=2))
+    fill(missing, 0, [NAN, NAN])
+    assert fill(missing, 1, [math.inf, NAN]) == pytest.approx([math.inf, 1.0])
+
+
+def test_joints_that_begin_to_report_are_not_estimated_any_more() -> None:
+    missing = MissingVelocities(estimator(n_joints=2))
+    fill(missing, 0, [NAN, NAN])
+    assert missing.estimated == (0, 1)
+    assert fill(missing, 1, [0.7, NAN]) == pytest.approx([0.7, 1.0])
+    assert missing.estimated == (1,)
