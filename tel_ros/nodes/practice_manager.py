@@ -29,7 +29,7 @@ from tel_interfaces.srv import (
 
 from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.control.springs import Springs
-from tel_ros.core.errors import TelError
+from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lock_up import LockUpMonitor
@@ -121,6 +121,8 @@ class PracticeManagerNode(Node):
     def _practise(self, goal_handle: ServerGoalHandle) -> Practice.Result:
         result = Practice.Result(run_dir=goal_handle.request.run_dir)
         try:
+            if not goal_handle.request.run_dir:
+                raise ConfigError("run_dir", "", "the folder of the run")
             folder = Path(goal_handle.request.run_dir)
             self._written = open_run_folder(folder, self._config)
             summary = RunSummary(folder, self._written)

@@ -88,6 +88,14 @@ class TrialRecorderNode(Node):
             StopRecording, topics.STOP_RECORDING, self._stop_recording, callback_group=self._group
         )
 
+    def stop(self) -> None:
+        """Nothing to begin: an open bag is ended by who has started it, once the arm is at rest."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether no bag is open any more."""
+        return self._writer is None
+
     def destroy_node(self) -> None:
         """Leave an open bag among the unfinished ones."""
         if self._writer is not None:

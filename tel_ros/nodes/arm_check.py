@@ -1,0 +1,209 @@
+"""Listening to an arm, and pulsing it: the client of ``tel check``."""
+
+from __future__ import annotations
+
+import math
+import time
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from types import TracebackType
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from tel_ros.core.check.programs import Program
+from tel_ros.core.check.records import StateRecord
+from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import EffortCommand, time_ns
+from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
+from tel_ros.recording import topics
+
+HEAR_ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1000)
+"""For a check: every state counts, and a publisher that offers best effort only is to be heard, too."""
+LAST_ZEROS = 5
+_ZERO_PERIOD_S = 0.004
+
+Row = tuple[float, int, float, FloatArray, FloatArray, FloatArray]
+
+
+class ArmClient:
+    """Hears all joint states; commands efforts only while :meth:`run` runs. Use it with ``with``.
+
+    There is no publisher of commands before the first :meth:`open_channel`: who only listens cannot command.
+
+    Args:
+        joints: names, in the order of all arrays.
+        still_there: called in every turn; raises if it makes no sense to go on.
+    """
+
+    def __init__(self, joints: Sequence[str], still_there: Callable[[], None] = lambda: None) -> None:
+        self._joints, self._still_there = tuple(joints), still_there
+        self._rows: list[Row] = []
+        self._program: Program | None = None
+        self._pub = None
+        self._command = EffortCommand(len(joints))
+        self.names: set[tuple[str, ...]] = set()
+        """Lists of names that have come."""
+        self.malformed = 0
+        """Messages whose fields do not fit together."""
+        rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        self.node = Node("tel_check")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._subscription = self.node.create_subscription(
+            JointState, topics.JOINT_STATES, self._on_state, HEAR_ALL, callback_group=BusyGroup()
+        )
+
+    def __enter__(self) -> ArmClient:
+        """Return the client."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Command zero, if anything has been commanded, and go."""
+        try:
+            self.send_zero()
+        finally:
+            self._executor.shutdown(timeout_sec=1.0)
+            self.node.destroy_node()
+            rclpy.try_shutdown()
+
+    def forget(self) -> None:
+        """Drop the states that have arrived so far."""
+        self._rows.clear()
+
+    def states(self, since_s: float = -math.inf) -> StateRecord:
+        """Return the states that have arrived since a time and name all joints."""
+        rows = self._rows[bisect_left(self._rows, since_s, key=lambda row: row[0]) :]
+        n = (len(rows), len(self._joints))
+        columns = list(zip(*rows, strict=True)) or [()] * 6
+        return StateRecord(
+            self._joints,
+            np.array(columns[0], dtype=np.float64),
+            np.array(columns[1], dtype=np.int64),
+            np.array(columns[2], dtype=np.float64),
+            np.array(columns[3], dtype=np.float64).reshape(n),
+            np.array(columns[4], dtype=np.float64).reshape(n),
+            np.array(columns[5], dtype=np.float64).reshape(n),
+        )
+
+    def spin_for(self, duration_s: float) -> None:
+        """Listen for a while."""
+        self.spin_until(lambda: False, duration_s)
+
+    def spin_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Listen until something is so; return whether it has come to that in time."""
+        end = time.monotonic() + timeout_s
+        came = False
+
+        def over() -> bool:
+            nonlocal came
+            self._still_there()
+            came = done()
+            return came or time.monotonic() > end
+
+        spin_hot(self.node, self._executor, [self._subscription], over)
+        return came
+
+    def open_channel(self, timeout_s: float) -> bool:
+        """Make a publisher of commands; return whether somebody listens to it in time."""
+        if self._pub is None:
+            self._pub = self.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
+        pub = self._pub
+        return self.spin_until(lambda: pub.get_subscription_count() > 0, timeout_s)
+
+    def run(self, programs: Iterable[Program]) -> None:
+        """Run programs one after the other; zero is commanded at the end, whatever happens.
+
+        Each state is answered at once. When none comes for a while the program itself ends with zero effort.
+        """
+        try:
+            for program in programs:
+                self._program = program
+                self.spin_until(partial(self._watched, program), math.inf)
+        finally:
+            self._program = None
+            self.send_zero()
+
+    def send_zero(self) -> None:
+        """Command zero effort a few times, if a channel is open."""
+        self._program = None
+        if self._pub is None:
+            return
+        for _ in range(LAST_ZEROS):
+            self._send(np.zeros(len(self._joints)))
+            time.sleep(_ZERO_PERIOD_S)
+
+    def _watched(self, program: Program) -> bool:
+        self._send(program.watch(time.monotonic()))
+        return program.done
+
+    def _on_state(self, message: JointState) -> None:
+        now_s = time.monotonic()
+        names = tuple(message.name)
+        self.names.add(names)
+        if set(self._joints) - set(names):
+            return
+        if len(message.position) != len(names):
+            self.malformed += 1
+            return
+        columns = [names.index(joint) for joint in self._joints]
+        stamp_ns = time_ns(message.header.stamp)
+        position = np.array(message.position)[columns]
+        self._rows.append(
+            (
+                now_s,
+                stamp_ns,
+                (time.time_ns() - stamp_ns) / NS_PER_S,
+                position,
+                self._field(message.velocity, names, columns),
+                self._field(message.effort, names, columns),
+            )
+        )
+        if self._program is not None and not self._program.done:
+            self._send(self._program.step(now_s, position), stamp_ns)
+
+    def _field(self, values: Sequence[float], names: Sequence[str], columns: list[int]) -> FloatArray:
+        """Return a field that may be missing, in the order of the joints; NaN where it is."""
+        if len(values) == 0:
+            return np.full(len(columns), math.nan)
+        if len(values) != len(names):
+            self.malformed += 1
+            return np.full(len(columns), math.nan)
+        return np.array(values)[columns]
+
+    def _send(self, effort_nm: FloatArray | None, stamp_ns: int | None = None) -> None:
+        if effort_nm is None or self._pub is None:
+            return
+        answered_ns = stamp_ns if stamp_ns is not None else (self._rows[-1][1] if self._rows else 0)
+        self._pub.publish(self._command.fill(answered_ns, effort_nm))
+
+
+def endpoints(client: ArmClient) -> dict[str, list[tuple[str, str, str]]]:
+    """Return who else is on the arm's topics: node, type and reliability of each.
+
+    Keys: ``states`` for publishers of joint states, ``commanders`` for publishers and ``listeners`` for
+    subscriptions of effort commands. The client itself is left out.
+    """
+    node = client.node
+    return {
+        "states": _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
+        "commanders": _others(node, node.get_publishers_info_by_topic(topics.EFFORT_COMMANDS)),
+        "listeners": _others(node, node.get_subscriptions_info_by_topic(topics.EFFORT_COMMANDS)),
+    }
+
+
+def _others(node: Node, infos: list) -> list[tuple[str, str, str]]:
+    return sorted(
+        (info.node_name, info.topic_type, info.qos_profile.reliability.name.lower())
+        for info in infos
+        if (info.node_name, info.node_namespace) != (node.get_name(), node.get_namespace())
+    )
