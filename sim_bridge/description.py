@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError as XmlError
 
+import numpy as np
 from urdf_parser_py.urdf import URDF, Inertia, Inertial, Joint, Link, Pose
 from urdf_parser_py.xml_reflection.core import ParseError as UrdfError
 
@@ -23,12 +24,13 @@ class ArmDescription:
 
     Args:
         path: the URDF file.
-        joints: names of the joints to move: all movable joints of the file, in any order.
+        joints: names of the joints to move, in any order. A movable joint that carries one of them must be
+            named, too. Other movable joints (a gripper's, say) are held at 0.
         hand_link: the link that carries the payload.
 
     Raises:
         InputFileError: the file cannot be read, or describes an arm that cannot be simulated.
-        ConfigError: a name is not in the file, or the file has further movable joints.
+        ConfigError: a name is not in the file, or a joint that carries a named one is not named.
     """
 
     def __init__(self, path: str | Path, joints: Sequence[str], hand_link: str) -> None:
@@ -40,6 +42,24 @@ class ArmDescription:
         self._check_names()
         for joint in self._selected():
             self._check_joint(joint)
+        for joint in self._held():
+            self._check_held_joint(joint)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the file says, or leaves out, that its author may not have meant: one sentence each."""
+        held = [joint.name for joint in self._held()]
+        remarks = [f"held at 0, because arm.joints does not name them: {', '.join(held)}"] if held else []
+        for link in self._moving_links():
+            if link.inertial is None and (link.visuals or link.collisions):
+                remarks.append(
+                    f"link {link.name!r} has a shape, but no <inertial>: it is taken as weightless"
+                )
+            elif (
+                link.inertial and link.inertial.mass == 0.0 and self.link_inertia_trace_kgm2(link.name) > 0.0
+            ):
+                remarks.append(f"link {link.name!r} has an <inertia>, but no mass: it is taken as written")
+        return tuple(remarks)
 
     @property
     def position_min_rad(self) -> JointValues:
@@ -72,12 +92,21 @@ class ArmDescription:
         inertia = inertial.inertia if inertial and inertial.inertia else Inertia()
         return float(inertia.ixx + inertia.iyy + inertia.izz)
 
+    def check_inertias(self) -> None:
+        """Refuse what no body has: PyBullet would silently simulate it without any inertia.
+
+        Raises:
+            InputFileError: a link that moves has a negative moment, or one above the sum of the two others.
+        """
+        for link in self._moving_links():
+            self._check_inertia(link)
+
     def for_simulation(self, *, inertia_scale: float, payload_kg: float, visuals: bool) -> str:
         """Return a URDF that a simulator cannot misunderstand.
 
         It says in full what a URDF may leave open: a link without ``<inertial>`` has no mass, as the format
-        means it (PyBullet would give it 1 kg). It leaves out what a simulator would do on its own account:
-        friction, and shapes to collide with.
+        means it (PyBullet would give it 1 kg). Joints that are not to move are fixed at 0. It leaves out what
+        a simulator would do on its own account: friction, and shapes to collide with.
 
         Args:
             inertia_scale: factor on the masses and inertias of the links, not on the payload.
@@ -95,11 +124,10 @@ class ArmDescription:
                 plain.add_aggregate("visual", visual)
             robot.add_link(plain)
         for joint in self._robot.joints:
-            robot.add_joint(
-                Joint(
-                    joint.name, joint.parent, joint.child, joint.type, joint.axis, joint.origin, joint.limit
-                )
-            )
+            plain = Joint(joint.name, joint.parent, joint.child, "fixed", origin=joint.origin)
+            if joint.name in self.joints:
+                plain.type, plain.axis, plain.limit = joint.type, joint.axis, joint.limit
+            robot.add_joint(plain)
         if payload_kg:
             point_mass = Inertial(mass=payload_kg, inertia=Inertia(), origin=_identity())
             robot.add_link(Link(name=PAYLOAD_LINK, inertial=point_mass))
@@ -109,6 +137,16 @@ class ArmDescription:
 
     def _selected(self) -> list[Any]:
         return [self._robot.joint_map[name] for name in self.joints]
+
+    def _held(self) -> list[Any]:
+        return [j for j in self._robot.joints if j.type != "fixed" and j.name not in self.joints]
+
+    def _moving_links(self) -> list[Any]:
+        """Return the links that a named joint carries, directly or not."""
+        moving = [joint.child for joint in self._selected()]
+        for link in moving:
+            moving.extend(child for _, child in self._robot.child_map.get(link, []) if child not in moving)
+        return [link for link in self._robot.links if link.name in moving]
 
     def _check_structure(self) -> None:
         robot = self._robot
@@ -150,13 +188,13 @@ class ArmDescription:
         missing = [name for name in self.joints if name not in movable]
         if missing:
             raise ConfigError("arm.joints", missing[0], f"a movable joint {here}")
-        not_named = [name for name in movable if name not in self.joints]
-        if not_named:
-            raise ConfigError(
-                "arm.joints",
-                list(self.joints),
-                f"all movable joints {here} (not named: {', '.join(not_named)})",
-            )
+        for name in self.joints:
+            joint = robot.joint_map[name]
+            while joint.parent in robot.parent_map:
+                joint = robot.joint_map[robot.parent_map[joint.parent][0]]
+                if joint.type != "fixed" and joint.name not in self.joints:
+                    expected = f"also {joint.name!r}, which carries {name!r}, {here}"
+                    raise ConfigError("arm.joints", list(self.joints), expected)
         if self.hand_link not in robot.link_map:
             links = ", ".join(robot.link_map)
             raise ConfigError("arm.hand_link", self.hand_link, f"a link of {self.path}, which has {links}")
@@ -183,6 +221,29 @@ class ArmDescription:
             value = getattr(joint.dynamics, key, None) or 0.0
             if not 0.0 <= value < math.inf:
                 raise refuse(f"has the {key} {value}", "a finite number of at least 0")
+
+    def _check_held_joint(self, joint: Any) -> None:
+        limit = joint.limit
+        if limit and joint.type in ("revolute", "prismatic") and not limit.lower <= 0.0 <= limit.upper:
+            raise InputFileError(
+                self.path,
+                f"joint {joint.name!r} has the range {limit.lower} to {limit.upper}",
+                "a range with 0 in it, because arm.joints does not name this joint and it is held there",
+            )
+
+    def _check_inertia(self, link: Any) -> None:
+        inertia = (link.inertial and link.inertial.inertia) or Inertia()
+        matrix = np.array(inertia.to_matrix())
+        finite = bool(np.all(np.isfinite(matrix)))
+        moments = np.linalg.eigvalsh(matrix) if finite else np.full(3, np.nan)
+        rounding = 1e-9 * abs(moments).max()
+        if not (moments[0] >= -rounding and moments[2] <= moments[0] + moments[1] + rounding):
+            found = ", ".join(f"{moment:.4g}" for moment in moments)
+            raise InputFileError(
+                self.path,
+                f"link {link.name!r} has an <inertia> that no body has (principal moments {found} kg·m²)",
+                "principal moments of at least 0, none above the sum of the two others",
+            )
 
     def _make_mesh_path_absolute(self, geometry: Any) -> None:
         # The simulator reads a copy of the file that lies elsewhere.

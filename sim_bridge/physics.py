@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import sys
@@ -16,6 +17,8 @@ from sim_bridge.description import PAYLOAD_LINK, ArmDescription
 from sim_bridge.quiet import stdout_to_stderr
 from tel_ros.core.config import JointValues, SimConfig
 from tel_ros.core.errors import ConfigError, InputFileError, TelError
+
+_LOG = logging.getLogger(__name__)
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -61,6 +64,8 @@ class ArmPhysics:
         coulomb_nm: JointValues,
     ) -> None:
         _check_display(sim.gui)
+        for remark in description.remarks:
+            _LOG.warning("%s: %s", description.path, remark)
         with stdout_to_stderr():
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:
@@ -159,6 +164,7 @@ class ArmPhysics:
 
     def _check_inertia(self, description: ArmDescription, inertia_scale: float) -> None:
         """Refuse an inertia that PyBullet silently replaced, and joints that nothing resists."""
+        description.check_inertias()
         for i in range(self._n_links()):
             link = pybullet.getJointInfo(self._body, i, physicsClientId=self._client)[12].decode()
             if link == PAYLOAD_LINK:

@@ -11,6 +11,7 @@ import click
 from rich.console import Console
 
 from tel_ros import __version__
+from tel_ros.app.check_command import check
 from tel_ros.app.compare_command import compare
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
@@ -38,11 +39,12 @@ def main() -> None:
     \b
     tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
     tel report bags/RUN                 its report, again
+    tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
     tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
 
-    Exit codes: 0 done, 1 the final trial did not complete, 2 wrong input (nothing moved), 3 the node graph
-    failed, 130 interrupted.
+    Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
+    moved), 3 the node graph failed, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
 
 
@@ -104,6 +106,7 @@ def practice(
         end(f"{result.message}{_left(folder)}", EXIT_NOT_COMPLETED)
 
 
+main.add_command(check)
 main.add_command(compare)
 main.add_command(sweep)
 

@@ -18,7 +18,7 @@ import yaml
 from tel_ros.core.config import Config, JointValues
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.shared_files import share_folder
-from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_file
 
 SourceOf = Callable[[str], str | None]
 """From a dotted key to the file or option that it came from."""
@@ -69,7 +69,8 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
 
     Args:
         path: YAML file. Its key ``arm`` is the name of an arm description (relative to the file) or the
-            description itself; ``path.file`` is relative to the file, ``arm.urdf`` to the arm description.
+            description itself; ``path.file`` is relative to the file, ``arm.urdf`` to the arm description, or
+            in a package (see :func:`~tel_ros.recording.urdf.urdf_file`).
         overrides: ``a.b=c`` assignments that take the place of values in the files; c is YAML.
 
     Returns:
@@ -88,7 +89,7 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
     _resolve(raw, "path", "file", path.parent)
     _resolve(raw, "path", "known_file", path.parent)
     _resolve(raw, "learning", "start_from", path.parent)
-    _resolve(raw, "arm", "urdf", arm_path.parent)
+    _resolve(raw, "arm", "urdf", arm_path.parent, urdf_file)
     options = dict(_override(raw, assignment) for assignment in overrides)
 
     def source_of(key: str) -> str:
@@ -185,10 +186,20 @@ def _one_holds_the_other(key: str, other: str) -> bool:
     return f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
 
 
-def _resolve(raw: dict[str, Any], section: str, key: str, folder: Path) -> None:
+def _beside(name: str, folder: Path) -> Path:
+    return (folder / name).resolve()
+
+
+def _resolve(
+    raw: dict[str, Any],
+    section: str,
+    key: str,
+    folder: Path,
+    file_of: Callable[[str, Path], Path] = _beside,
+) -> None:
     values = raw.get(section)
     if isinstance(values, dict) and isinstance(values.get(key), str) and values[key]:
-        values[key] = str((folder / values[key]).resolve())
+        values[key] = str(file_of(values[key], folder))
 
 
 def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
@@ -205,7 +216,7 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         and isinstance(value, str)
         and value
     ):
-        value = str(Path(value).resolve())
+        value = str((urdf_file if key == "arm.urdf" else _beside)(value, Path.cwd()))
     replaced = {
         "path.file": "name",
         "path.name": "file",
@@ -297,6 +308,7 @@ def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:
             position_max_rad=arm.position_max_rad or limits.position_max_rad,
             velocity_limit_rad_s=arm.velocity_limit_rad_s or limits.velocity_rad_s,
         )
+        limits.require_within(filled)
     except ConfigError as error:
         raise error.inside("arm", source_of(f"arm.{error.key}")) from None
     return dataclasses.replace(config, arm=filled)

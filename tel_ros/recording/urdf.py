@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import os
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from urdf_parser_py.urdf import URDF
 
+from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.kinematics import ChainJoint, SerialChain
 from tel_ros.core.types import FloatArray
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
+_PACKAGE = "package://"
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,55 @@ class JointLimits:
     position_min_rad: tuple[float, ...]
     position_max_rad: tuple[float, ...]
     velocity_rad_s: tuple[float, ...]
+    effort_nm: tuple[float, ...]
+    """inf where the URDF says 0 or nothing."""
+
+    def require_within(self, arm: ArmConfig) -> None:
+        """Refuse limits of a configured arm that go beyond the URDF's.
+
+        What the motor cannot do is clipped behind the controller's back, and learned from as if it had acted.
+
+        Raises:
+            ConfigError: an effort limit or an end of a range is beyond the URDF's.
+        """
+        for key, values, low, high in (
+            ("effort_limit_nm", arm.effort_limit_nm, (0.0,) * len(arm.joints), self.effort_nm),
+            ("position_min_rad", arm.position_min_rad, self.position_min_rad, self.position_max_rad),
+            ("position_max_rad", arm.position_max_rad, self.position_min_rad, self.position_max_rad),
+        ):
+            for joint, value, least, most in zip(arm.joints, values, low, high, strict=True):
+                if not least <= value <= most:
+                    expected = f"{least:g} to {most:g} for {joint}, as in the URDF"
+                    raise ConfigError(key, list(values), expected)
+
+
+def urdf_file(name: str, folder: Path) -> Path:
+    """Return the absolute path of a URDF.
+
+    Args:
+        name: a file, or ``package://NAME/path`` of one that comes with a package: an installed Python package
+            (``package://pybullet_data/kuka_iiwa/model.urdf``), or a ROS package in AMENT_PREFIX_PATH.
+        folder: what a relative file name is relative to.
+
+    Raises:
+        InputFileError: there is no such package, or it has no such file.
+    """
+    if not name.startswith(_PACKAGE):
+        return (folder / name).resolve()
+    package, _, inside = name.removeprefix(_PACKAGE).partition("/")
+    # Only a name without dots is looked up without importing anything.
+    spec = find_spec(package) if package.isidentifier() else None
+    roots = [Path(root) for root in (spec and spec.submodule_search_locations) or ()]
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    roots += [Path(prefix) / "share" / package for prefix in prefixes if prefix and package]
+    for root in roots:
+        if (root / inside).is_file():
+            return (root / inside).resolve()
+    installed = [str(root) for root in roots if root.is_dir()]
+    found = (
+        f"no such file in {' or '.join(installed)}" if installed else f"no package {package!r} is installed"
+    )
+    raise InputFileError(name, found, "a URDF file (key arm.urdf)")
 
 
 def read_urdf(path: Path) -> Any:
@@ -51,9 +105,10 @@ def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:
     """Return the limits of joints.
 
     Raises:
-        ConfigError: the URDF lacks a joint, or a joint cannot move or has no limits.
+        ConfigError: the URDF lacks a joint, a joint cannot move or has no limits, or it is carried by a
+            movable joint that is not asked for.
     """
-    low, high, speed = [], [], []
+    low, high, speed, effort = [], [], [], []
     movable = [joint.name for joint in urdf.joints if joint.type in _MOVABLE]
     for name in joints:
         joint = urdf.joint_map.get(name)
@@ -61,13 +116,18 @@ def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:
             raise ConfigError(
                 "joints", name, f"a movable joint of the URDF (it has {', '.join(movable) or 'none'})"
             )
+        carriers = urdf.get_chain(urdf.get_root(), joint.child, joints=True, links=False)
+        for carrier in carriers:
+            if urdf.joint_map[carrier].type != "fixed" and carrier not in joints:
+                raise ConfigError("joints", list(joints), f"also {carrier!r}, which carries {name!r}")
         if joint.limit is None or not joint.limit.velocity:
             raise ConfigError("joints", name, "a joint with a velocity limit in the URDF")
         continuous = joint.type == "continuous"
         low.append(-1e6 if continuous else float(joint.limit.lower or 0.0))
         high.append(1e6 if continuous else float(joint.limit.upper or 0.0))
         speed.append(float(joint.limit.velocity))
-    return JointLimits(tuple(low), tuple(high), tuple(speed))
+        effort.append(float(joint.limit.effort or math.inf))
+    return JointLimits(tuple(low), tuple(high), tuple(speed), tuple(effort))
 
 
 def _pose(origin: Any) -> FloatArray:

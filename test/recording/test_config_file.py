@@ -65,6 +65,31 @@ def test_limits_in_the_arm_description_take_the_place_of_the_urdfs(edit: Edit) -
     assert arm.position_max_rad == (2.9, 2.9)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("effort_limit_nm", "[20.0, 20.1]", "0 to 20 for elbow, as in the URDF"),
+        ("position_min_rad", "[-3.0, -2.9]", "-2.9 to 2.9 for shoulder, as in the URDF"),
+        ("position_max_rad", "[2.9, 2.91]", "-2.9 to 2.9 for elbow, as in the URDF"),
+    ],
+)
+def test_limits_beyond_the_urdfs_are_refused(config_folder: Path, key: str, value: str, said: str) -> None:
+    text = complaint(config_folder / "run.yaml", f"arm.{key}={value}")
+    assert text == f"--set arm.{key}={value}: arm.{key} is {value}; expected {said}"
+
+
+def test_a_urdf_of_a_package_can_be_named_in_the_file_and_as_an_option(
+    config_folder: Path, edit: Edit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = config_folder / "robots_to_configure"
+    shutil.copytree(config_folder / "robots", package)
+    (package / "__init__.py").touch()
+    monkeypatch.syspath_prepend(config_folder)
+    name, file = "package://robots_to_configure/planar_arm.urdf", str(package / "planar_arm.urdf")
+    assert load_config(config_folder / "run.yaml", [f"arm.urdf={name}"]).arm.urdf == file
+    assert load_config(edit("arms/two_link.yaml", "../robots/planar_arm.urdf", name)).arm.urdf == file
+
+
 def test_files_are_found_relative_to_the_file_that_names_them(
     config_folder: Path, edit: Edit, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

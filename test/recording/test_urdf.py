@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_file
 
 JOINTS = ("shoulder", "elbow")
 
@@ -134,3 +134,46 @@ def test_links_in_a_circle_beside_the_tree_are_refused(planar_arm: Path) -> None
     circle = '<link name="a"/><link name="b"/>' + joint.format("a", "b") + joint.format("b", "a")
     with pytest.raises(InputFileError, match="its links form no tree"):
         edited(planar_arm, "</robot>", circle + "</robot>")
+
+
+def test_a_joint_that_carries_a_named_one_must_be_named(planar_arm: Path) -> None:
+    with pytest.raises(ConfigError, match="expected also 'shoulder', which carries 'elbow'"):
+        joint_limits(read_urdf(planar_arm), ("elbow",))
+
+
+def test_a_joint_beyond_the_named_ones_need_not_be_named(planar_arm: Path) -> None:
+    assert joint_limits(read_urdf(planar_arm), ("shoulder",)).effort_nm == (20.0,)
+
+
+def test_a_file_in_a_python_package_is_found_without_importing_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "robots_to_test_with"
+    (package / "urdf").mkdir(parents=True)
+    (package / "__init__.py").write_text("raise RuntimeError('imported')")
+    (package / "urdf" / "arm.urdf").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    found = urdf_file("package://robots_to_test_with/urdf/arm.urdf", Path("/anywhere"))
+    assert found == package / "urdf" / "arm.urdf"
+    with pytest.raises(InputFileError) as refusal:
+        urdf_file("package://robots_to_test_with/arm.urdf", Path("/anywhere"))
+    complaint = f"no such file in {package}; expected a URDF file (key arm.urdf)"
+    assert str(refusal.value) == f"package://robots_to_test_with/arm.urdf: {complaint}"
+
+
+def test_a_file_in_a_ros_package_is_found_in_its_share_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "share" / "my_arm_description" / "arm.urdf"
+    file.parent.mkdir(parents=True)
+    file.touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    assert urdf_file("package://my_arm_description/arm.urdf", Path()) == file
+
+
+@pytest.mark.parametrize(
+    "name", ["package://not_there_at_all/a.urdf", "package://no.such/a.urdf", "package:///a"]
+)
+def test_a_package_that_is_not_installed_is_refused_by_name(name: str) -> None:
+    with pytest.raises(InputFileError, match=r"no package '.*' is installed; expected a URDF file"):
+        urdf_file(name, Path())

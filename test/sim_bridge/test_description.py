@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from analytic import PlanarArm
 
 from sim_bridge.arm import SimulatedArm
 from sim_bridge.description import ArmDescription
@@ -71,10 +73,82 @@ def test_a_fixed_joint_is_not_a_joint_to_move(make_arm: MakeArm) -> None:
     assert message.startswith("arm.joints is 'hand_mount'; expected a movable joint of")
 
 
-def test_a_movable_joint_that_is_not_named_is_refused(make_arm: MakeArm) -> None:
-    message = refusal(make_arm, ConfigError, arm={"joints": ("shoulder",)})
-    assert message.startswith("arm.joints is ['shoulder']; expected all movable joints of")
-    assert message.endswith("(not named: elbow)")
+def test_a_joint_that_carries_a_named_one_must_be_named(make_arm: MakeArm) -> None:
+    message = refusal(make_arm, ConfigError, arm={"joints": ("elbow",)})
+    assert message.startswith("arm.joints is ['elbow']; expected also 'shoulder', which carries 'elbow'")
+
+
+def test_a_joint_beyond_the_named_ones_is_held_at_zero_and_that_is_said(
+    make_arm: MakeArm, planar_arm_urdf: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The arm moves like one whose elbow is welded: a stiff rod of 0.66 m."""
+    arm = make_arm(
+        arm={"joints": ("shoulder",)}, rate_hz=4000.0, encoder_bits=0, viscous_friction_nms_per_rad=(0.0,)
+    )
+    assert caplog.messages == [f"{planar_arm_urdf}: held at 0, because arm.joints does not name them: elbow"]
+    arm.step([3.0])
+    inertia_kgm2 = 0.05 + 2.0 * 0.165**2 + 0.02 + 1.2 * (0.33 + 0.165) ** 2
+    assert arm.true_velocity_rad_s[0] * 4000.0 == pytest.approx(3.0 / inertia_kgm2, rel=1e-9)
+
+
+def test_a_joint_that_cannot_be_held_at_zero_is_refused(
+    make_arm: MakeArm, edited_urdf: Callable[..., Path]
+) -> None:
+    path = edited_urdf({SHOULDER_LIMIT: '<limit lower="0.2" upper="1" effort="20" velocity="15"/>'})
+    text = path.read_text(encoding="utf-8")  # the elbow has the same limits
+    path.write_text(text.replace('lower="0.2"', 'lower="-1"', 1), encoding="utf-8")
+    message = refusal(make_arm, InputFileError, urdf=path, arm={"joints": ("shoulder",)})
+    assert message.startswith(
+        f"{path}: joint 'elbow' has the range 0.2 to 1.0; expected a range with 0 in it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        ({'<mass value="0"/>': '<mass value="0.1"/>'}, []),
+        (
+            {'<mass value="0"/>\n      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>':
+             '<mass value="0"/>\n      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'},
+            ["link 'hand' has an <inertia>, but no mass: it is taken as written"],
+        ),
+    ],
+)  # fmt: skip
+def test_what_the_author_may_not_have_meant_is_said(
+    edited_urdf: Callable[..., Path], edits: dict[str, str], said: list[str]
+) -> None:
+    assert list(ArmDescription(edited_urdf(edits), ("shoulder", "elbow"), "hand").remarks) == said
+
+
+def test_a_shape_without_inertial_is_said_but_a_bare_frame_is_not(
+    edited_urdf: Callable[..., Path], planar_arm_urdf: Path
+) -> None:
+    text = planar_arm_urdf.read_text(encoding="utf-8")
+    start = text.index("<inertial>", text.index('<link name="hand">'))
+    inertial = text[start : text.index("</inertial>", start) + len("</inertial>")]
+    shape = edited_urdf({inertial: ""})
+    remarks = ArmDescription(shape, ("shoulder", "elbow"), "hand").remarks
+    assert remarks == ("link 'hand' has a shape, but no <inertial>: it is taken as weightless",)
+    whole = text[text.index('<link name="hand">') : text.index("</link>", start) + len("</link>")]
+    frame = edited_urdf({whole: '<link name="hand"/>'})
+    assert ArmDescription(frame, ("shoulder", "elbow"), "hand").remarks == ()
+
+
+def test_an_inertia_without_mass_acts_as_written(make_arm: MakeArm, edited_urdf: Callable[..., Path]) -> None:
+    """The Panda of pybullet_data has such links."""
+    zero = '<mass value="0"/>\n      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+    path = edited_urdf({zero: zero.replace('"0" i', '"0.1" i').replace('izz="0"', 'izz="0.1"')
+                        .replace('ixy="0.1"', 'ixy="0"').replace('ixz="0.1"', 'ixz="0"')
+                        .replace('iyz="0.1"', 'iyz="0"')})  # fmt: skip
+    still = {"rate_hz": 4000.0, "encoder_bits": 0, "viscous_friction_nms_per_rad": (0.0, 0.0)}
+    arm = make_arm(urdf=path, **still)
+    arm.set_state([0.0, 0.0], [0.0, 0.0])
+    # Straight and at rest: no Coriolis torques, M a = tau with 0.1 kg·m² more in each element of M.
+    tau = np.array([3.0, 1.0])
+    arm.step(tau)
+    acceleration = np.array(arm.true_velocity_rad_s) * 4000.0
+    expected = np.linalg.solve(PlanarArm().mass_matrix(np.zeros(2)) + 0.1, tau)
+    np.testing.assert_allclose(acceleration, expected, rtol=1e-9)
 
 
 def test_a_hand_link_that_the_urdf_does_not_have_is_named_with_the_links_it_has(make_arm: MakeArm) -> None:
@@ -133,9 +207,13 @@ def test_a_hand_link_that_the_urdf_does_not_have_is_named_with_the_links_it_has(
         (
             'iyy="0.02" iyz="0" izz="0.02"',
             'iyy="0.02" iyz="0" izz="0.5"',
-            "link 'forearm' has an <inertia> that no body has; expected principal moments",
+            "link 'forearm' has an <inertia> that no body has (principal moments 0.002, 0.02, 0.5 ",
         ),
-        ('iyy="0.05"', 'iyy="-0.05"', "link 'upper_arm' has an <inertia> that no body has; expected"),
+        (
+            'iyy="0.05"',
+            'iyy="-0.05"',
+            "link 'upper_arm' has an <inertia> that no body has (principal moments -0.05, 0.005, 0.05 kg·m²)",
+        ),
         ('<mass value="1.2"/>', '<mass value="nan"/>', "link 'forearm' has the mass nan; expected"),
         ('<mass value="1.2"/>', '<mass value="-1"/>', "link 'forearm' has the mass -1.0; expected"),
     ],

@@ -31,29 +31,76 @@ class Path:
     evaluate: Callable[[FloatArray], Derivatives]
 
 
-def _planar_loops(s: FloatArray) -> Derivatives:
-    # Harmonics of 2π s: (joint, amplitude, multiple of 2π, phase); a cosine is a sine a quarter turn ahead.
-    terms = [
-        (0, 0.45, 2, 0.0),
-        (0, 0.20, 3, 0.0),
-        (1, 0.50, 3, 0.0),
-        (1, 0.25, 2, pi / 2),
-    ]
-    q = np.tile([0.6, 1.3 - 0.25], (len(s), 1))
-    dq, ddq = np.zeros_like(q), np.zeros_like(q)
-    for joint, amplitude, multiple, phase in terms:
-        omega = 2.0 * pi * multiple
-        q[:, joint] += amplitude * np.sin(omega * s + phase)
-        dq[:, joint] += amplitude * omega * np.cos(omega * s + phase)
-        ddq[:, joint] -= amplitude * omega**2 * np.sin(omega * s + phase)
-    return q, dq, ddq
+@dataclass(frozen=True)
+class _Sine:
+    """amplitude_rad · sin(2π · cycles · s + phase_rad) in the position of one joint."""
+
+    joint: int
+    amplitude_rad: float
+    cycles: int
+    phase_rad: float = 0.0
+
+
+def _sum_of_sines(name: str, centre_rad: tuple[float, ...], terms: tuple[_Sine, ...]) -> Path:
+    """Return a closed path: each joint swings about its centre, with as many cycles as its terms say."""
+
+    def evaluate(s: FloatArray) -> Derivatives:
+        q = np.tile(centre_rad, (len(s), 1))
+        dq, ddq = np.zeros_like(q), np.zeros_like(q)
+        for term in terms:
+            omega, amplitude, joint = 2.0 * pi * term.cycles, term.amplitude_rad, term.joint
+            q[:, joint] += amplitude * np.sin(omega * s + term.phase_rad)
+            dq[:, joint] += amplitude * omega * np.cos(omega * s + term.phase_rad)
+            ddq[:, joint] -= amplitude * omega**2 * np.sin(omega * s + term.phase_rad)
+        return q, dq, ddq
+
+    return Path(name, len(centre_rad), evaluate)
+
+
+def _loops(name: str, centre_rad: tuple[float, ...], amplitudes_rad: tuple[float, ...]) -> Path:
+    """Return a closed path that all joints of an arm take part in, none in step with another.
+
+    Joint j adds up one cycle and, half as wide, two cycles; its phases are those of joint 0 moved on by j
+    equal parts of a turn, the faster ones the other way round.
+    """
+    part = 2.0 * pi / len(centre_rad)
+    terms = tuple(
+        term
+        for j, amplitude in enumerate(amplitudes_rad)
+        for term in (_Sine(j, amplitude * 2 / 3, 1, j * part), _Sine(j, amplitude / 3, 2, -j * part))
+    )
+    return _sum_of_sines(name, centre_rad, terms)
 
 
 NAMED_PATHS = {
-    "planar_loops": Path("planar_loops", 2, _planar_loops),
+    path.name: path
+    for path in (
+        # A cosine is a sine a quarter turn ahead.
+        _sum_of_sines(
+            "planar_loops",
+            (0.6, 1.3 - 0.25),
+            (_Sine(0, 0.45, 2), _Sine(0, 0.20, 3), _Sine(1, 0.50, 3), _Sine(1, 0.25, 2, pi / 2)),
+        ),
+        _sum_of_sines(
+            "planar_loops_3",
+            (0.4, 0.9, 0.7),
+            (
+                _Sine(0, 0.40, 2),
+                _Sine(0, 0.15, 3),
+                _Sine(1, 0.40, 3),
+                _Sine(1, 0.20, 2, pi / 2),
+                _Sine(2, 0.35, 2, pi),
+                _Sine(2, 0.25, 3, pi / 2),
+            ),
+        ),
+        _loops("kuka_iiwa_loops", (0.0, 0.6, 0.0, -1.2, 0.0, 0.9, 0.0), (0.6,) * 7),
+        _loops("franka_panda_loops", (0.0, 0.0, 0.0, -1.8, 0.0, 1.9, 0.8), (0.6,) * 7),
+    )
 }
-"""Built-in paths. ``planar_loops`` is ours: q1 = 0.6 + 0.45 sin 4πs + 0.2 sin 6πs,
-q2 = 1.3 + 0.5 sin 6πs + 0.25 (cos 4πs - 1), a closed figure for a two-joint arm."""
+"""Built-in paths, all ours, all closed. ``planar_loops``: q1 = 0.6 + 0.45 sin 4πs + 0.2 sin 6πs,
+q2 = 1.3 + 0.5 sin 6πs + 0.25 (cos 4πs - 1), for a two-joint arm; ``planar_loops_3`` is like it, for three.
+``kuka_iiwa_loops`` and ``franka_panda_loops`` move all seven joints by about 0.5 rad to either side of a
+posture with a bent elbow and a free wrist."""
 
 
 def named_path(name: str, n_joints: int) -> Path:

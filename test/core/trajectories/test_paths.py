@@ -26,15 +26,16 @@ def test_planar_loops_is_the_figure_in_its_description() -> None:
     np.testing.assert_allclose(q, np.column_stack([shoulder, elbow]), atol=1e-14)  # rounding only
 
 
-def test_planar_loops_ends_where_it_began() -> None:
-    for derivative in NAMED_PATHS["planar_loops"].evaluate(np.array([0.0, 1.0])):
+@pytest.mark.parametrize("path", NAMED_PATHS.values(), ids=lambda path: path.name)
+def test_built_in_paths_end_where_they_began(path: Path) -> None:
+    for derivative in path.evaluate(np.array([0.0, 1.0])):
         # A sine of 6π as a float is 7e-16, times 0.5 (6π)² = 178.
         np.testing.assert_allclose(derivative[0], derivative[1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
     "path",
-    [NAMED_PATHS["planar_loops"], waypoint_path("open", OPEN), waypoint_path("closed", CLOSED)],
+    [*NAMED_PATHS.values(), waypoint_path("open", OPEN), waypoint_path("closed", CLOSED)],
     ids=lambda path: path.name,
 )
 def test_derivatives_of_a_path_are_those_of_its_positions(path: Path) -> None:
@@ -83,3 +84,12 @@ def test_a_built_in_path_for_another_number_of_joints_is_refused() -> None:
         ConfigError, match=r"path.name is 'planar_loops'; expected a path for 3 joints .* for 2"
     ):
         named_path("planar_loops", 3)
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa_loops", "franka_panda_loops"])
+def test_all_seven_joints_take_part_about_half_a_radian_to_either_side(name: str) -> None:
+    q, _, _ = named_path(name, 7).evaluate(np.linspace(0.0, 1.0, 401))
+    half_width = 0.5 * (q.max(axis=0) - q.min(axis=0))
+    assert np.all((half_width > 0.4) & (half_width < 0.6))
+    in_step = np.abs(np.corrcoef(q.T)) - np.eye(7)
+    assert in_step.max() < 0.95, "joints in step with each other show a learner only one of them"

@@ -1,0 +1,228 @@
+"""Checking an arm: listening to it first, then, if all is well and somebody agrees, pulsing it."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tel_ros.app.bring_up import NodeProcesses
+from tel_ros.app.errors import GraphError
+from tel_ros.core.check.bounds import MOST_STATE_GAP_S, Guard, PulseBounds
+from tel_ros.core.check.connections import judge_connections, judge_names
+from tel_ros.core.check.findings import Finding, Verdict, worst
+from tel_ros.core.check.session import PulseSession
+from tel_ros.core.check.velocity import judge_velocity
+from tel_ros.core.check.verdicts import judge_listening, judge_pulses
+from tel_ros.core.config import Config
+from tel_ros.core.errors import ConfigError
+from tel_ros.core.types import FloatArray
+from tel_ros.nodes.arm_check import ArmClient, endpoints
+from tel_ros.recording import topics
+from tel_ros.recording.config_file import dump_config
+
+LISTEN_S = 2.0
+CHANNEL_TIMEOUT_S = 5.0
+DISCOVERY_S = 0.5
+_ENOUGH_STATES = 20
+
+Agree = Callable[[str], bool]
+
+
+class NoArmError(GraphError):
+    """No joint states have come."""
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """How to check.
+
+    Args:
+        bounds: of the pulses.
+        passive: listen only.
+        listen_s: for how long.
+
+    Raises:
+        ConfigError: ``listen_s`` is too short or too long.
+    """
+
+    bounds: PulseBounds = PulseBounds()
+    passive: bool = False
+    listen_s: float = LISTEN_S
+
+    def __post_init__(self) -> None:
+        if not 0.5 <= self.listen_s <= 600.0:
+            raise ConfigError("listen_s", self.listen_s, "0.5 to 600 s")
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """All findings, in the order of the table."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of all."""
+        return worst(self.findings)
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return it as nested dictionaries, lists and scalars."""
+        findings = [
+            {
+                "check": f.check,
+                "joint": f.joint,
+                "verdict": f.verdict.value,
+                "measured": f.measured,
+                "expected": f.expected,
+                "mend": f.mend,
+            }
+            for f in self.findings
+        ]
+        return {"verdict": self.verdict.value, "findings": findings}
+
+
+def check_arm(config: Config, options: CheckOptions, agree: Agree) -> CheckReport:
+    """Check an arm; the simulated one is started for that, in real time.
+
+    Args:
+        config: of the practice run that is planned.
+        options: how to check.
+        agree: is asked before a real arm is pulsed, with what is going to happen; False: it is not.
+
+    Raises:
+        ConfigError: something about the configuration is wrong; nothing has moved.
+        NoArmError: no joint states within ``run.arm_timeout_s``.
+        GraphError: the simulated arm did not come up or died.
+        KeyboardInterrupt: passed on after zero effort was commanded.
+    """
+    config = replace(config, sim=replace(config.sim, clock="realtime"))
+    if config.run.arm == "sim":
+        # The simulated arm concerns nobody else on the network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with _arm_of(config) as still_there, ArmClient(config.arm.joints, still_there) as client:
+        _wait_for_states(client, config)
+        findings = _listen(client, config, options)
+        findings += _pulse(client, config, options, agree, findings)
+        return CheckReport(tuple(findings))
+
+
+@contextmanager
+def _arm_of(config: Config) -> Iterator[Callable[[], None]]:
+    """Start the simulated arm if there is to be one; yield what raises when it has died."""
+    if config.run.arm != "sim":
+        yield lambda: None
+        return
+    _refuse_other_arm(config)
+    with tempfile.TemporaryDirectory(prefix="tel_check_") as folder:
+        file = Path(folder) / "run.yaml"
+        file.write_text(dump_config(config), encoding="utf-8")
+        with NodeProcesses(file, ["sim_bridge"], Path(folder) / "log") as processes:
+            yield processes.check
+
+
+def _refuse_other_arm(config: Config) -> None:
+    """Make sure that a check of the simulated arm cannot reach another one."""
+    with ArmClient(config.arm.joints) as client:
+        client.spin_for(DISCOVERY_S)
+        found = endpoints(client)
+    others = [node for kind in found.values() for node, _, _ in kind]
+    if others:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        expected = (
+            f"a domain without another arm, or run.arm=external (found {', '.join(sorted(set(others)))})"
+        )
+        raise ConfigError("ROS_DOMAIN_ID", domain, expected)
+
+
+def _wait_for_states(client: ArmClient, config: Config) -> None:
+    # The simulated arm has to load its physics first.
+    timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
+    if not client.spin_until(lambda: bool(client.names), timeout_s):
+        raise NoArmError(
+            f"no joint states on {topics.JOINT_STATES} within {timeout_s:g} s. Is the arm's driver running, "
+            "its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
+        )
+    # Its first states come while everything else is still starting.
+    client.spin_for(DISCOVERY_S)
+    client.forget()
+
+
+def _listen(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:
+    client.spin_for(options.listen_s)
+    found = endpoints(client)
+    findings = judge_connections(found["states"], found["commanders"], found["listeners"])
+    findings += judge_names(client.names, config.arm.joints, client.malformed)
+    states = client.states()
+    if len(states) < _ENOUGH_STATES:
+        text = f"{len(states)} states name all joints in {options.listen_s:g} s"
+        mend = "mend the names, or look for a publisher that has stopped"
+        expected = f"at least {_ENOUGH_STATES}"
+        return [*findings, Finding("states", Verdict.WRONG, text, expected, mend, blocks=True)]
+    own_clock = config.run.arm == "sim"
+    return findings + judge_listening(states, config.arm, config.control.rate_hz, arm_has_own_clock=own_clock)
+
+
+def _pulse(
+    client: ArmClient, config: Config, options: CheckOptions, agree: Agree, so_far: list[Finding]
+) -> list[Finding]:
+    blocking = [finding for finding in so_far if finding.blocks]
+    why = ""
+    if options.passive:
+        why = "not sent, as asked"
+    elif blocking:
+        names = ", ".join(dict.fromkeys(finding.check for finding in blocking))
+        why = f"not sent before this is mended: {names}"
+    elif config.run.arm != "sim" and not agree(_announcement(config, options.bounds)):
+        why = "not sent: nobody has agreed"
+    elif not client.open_channel(CHANNEL_TIMEOUT_S):
+        why = "not sent: nobody listens to the commands"
+    if why:
+        states = client.states()
+        moved = [] if len(states) < _ENOUGH_STATES or blocking else judge_velocity(states)
+        return [*moved, Finding("pulses", Verdict.NOT_CHECKED, why, "sign, scale, delay, watchdog")]
+    return _run_pulses(client, config, options)
+
+
+def _run_pulses(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:
+    arm = config.arm
+    resolution = client.states().resolution_rad()
+    client.forget()
+    if not client.spin_until(lambda: len(client.states()) > 0, CHANNEL_TIMEOUT_S):
+        raise NoArmError("the joint states have stopped")
+    start = client.states()
+    state_gap_s = min(config.control.state_timeout_s, MOST_STATE_GAP_S)
+    guard = Guard(arm, options.bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
+    session = PulseSession(guard, np.array(arm.damping_nms_per_rad), resolution, client.states)
+    client.run(session.programs())
+    states = client.states()
+    inertia, friction = _model(config, states.position_rad[0])
+    return judge_pulses(session, guard, states, arm, config.control.rate_hz, inertia, friction)
+
+
+def _model(config: Config, position_rad: FloatArray) -> tuple[FloatArray | None, FloatArray]:
+    from tel_ros.app.check_model import inertia_and_friction  # late: not everybody has its library
+
+    return inertia_and_friction(config.arm, position_rad)
+
+
+def _announcement(config: Config, bounds: PulseBounds) -> str:
+    arm = config.arm
+    efforts = ", ".join(
+        f"{joint} ±{bounds.effort_share * limit:.3g} N·m"
+        for joint, limit in zip(arm.joints, arm.effort_limit_nm, strict=True)
+    )
+    return (
+        "The arm is going to move. One joint after the other gets torque pulses of up to 0.1 s, from weak to "
+        f"at most {bounds.effort_share:.1%} of its limit ({efforts}). Everything ends with zero effort as "
+        f"soon as any joint is more than {bounds.range_rad:g} rad away from where it is now. The arm has to "
+        "rest without effort. Keep out of its reach, with a hand on the emergency stop.\n"
+        f"May each joint move by {bounds.range_rad:g} rad?"
+    )

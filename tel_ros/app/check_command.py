@@ -1,0 +1,154 @@
+"""The command ``tel check``."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tel_ros.app.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_GRAPH_FAILED,
+    EXIT_INTERRUPTED,
+    GraphError,
+    NodeDiedError,
+    end,
+)
+from tel_ros.core.check.bounds import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
+from tel_ros.core.check.findings import Verdict
+from tel_ros.core.errors import TelError
+from tel_ros.recording.config_file import load_config
+
+if TYPE_CHECKING:
+    from tel_ros.app.check import CheckReport
+
+EXIT_WRONG = 1
+_OUT = Console()
+_LOG_WIDTH = 140
+_COLOURS = {
+    Verdict.OK: "green",
+    Verdict.WARNING: "yellow",
+    Verdict.NOT_CHECKED: "dim",
+    Verdict.WRONG: "bold red",
+}
+
+
+@click.command()
+@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key.")
+@click.option("--passive", is_flag=True, help="Only listen: nothing is ever commanded.")
+@click.option("--yes", is_flag=True, help="Agree to the pulses beforehand, for scripts.")
+@click.option(
+    "--effort-share",
+    type=float,
+    default=PulseBounds.effort_share,
+    show_default=True,
+    help=f"Strongest pulse as a share of each joint's effort limit, up to {MOST_EFFORT_SHARE}.",
+)
+@click.option(
+    "--range",
+    "range_rad",
+    type=float,
+    default=PulseBounds.range_rad,
+    show_default=True,
+    help=f"How far any joint may get from where it is, in rad, up to {MOST_RANGE_RAD}.",
+)
+@click.option(
+    "--listen", "listen_s", type=float, default=2.0, show_default=True, help="How long to listen first, in s."
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the findings as JSON, and nothing else, on stdout."
+)
+def check(
+    config_file: Path,
+    overrides: tuple[str, ...],
+    passive: bool,
+    yes: bool,
+    effort_share: float,
+    range_rad: float,
+    listen_s: float,
+    as_json: bool,
+) -> None:
+    """Find out whether an arm is what its configuration says, before it moves far.
+
+    \b
+    tel check config/planar_arm.yaml --passive                       only listens
+    tel check config/planar_arm.yaml --set run.arm=external          asks before it pulses the arm
+
+    First it listens: rate, jitter, age, names, units. Then, after you have agreed, each joint gets torque
+    pulses of at most 0.1 s that begin very weak: sign, scale and delay of the effort, wiring, velocity
+    against position, and what the driver does when commands stop. Zero effort is commanded at the end, on
+    Ctrl-C, and as soon as a joint leaves the range that you have agreed to. With run.arm=sim the simulated
+    arm is started for the check, in real time.
+
+    Exit codes: 0 nothing is wrong, 1 something is wrong, 2 wrong input (nothing moved), 3 no arm, 130
+    interrupted.
+    """  # noqa: D301 - click wants the character, not its name
+    # Late: `tel --help` needs no ROS.
+    from tel_ros.app.check import CheckOptions, check_arm
+
+    # Also where a script has started this in the background, which makes it ignore SIGINT: an arm may move.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+    def agree(announcement: str) -> bool:
+        if yes:
+            return True
+        try:
+            return click.confirm(announcement, default=False, err=True)
+        except click.Abort:
+            return False
+
+    try:
+        options = CheckOptions(PulseBounds(effort_share, range_rad), passive, listen_s)
+        report = check_arm(load_config(config_file, overrides), options, agree)
+    except GraphError as error:
+        bad_input = isinstance(error, NodeDiedError) and error.bad_input
+        end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
+    except TelError as error:
+        end(str(error), EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        end("interrupted: zero effort was commanded if anything was", EXIT_INTERRUPTED)
+    if as_json:
+        click.echo(json.dumps(report.as_plain(), indent=2))
+    else:
+        _show(report)
+    sys.exit(EXIT_WRONG if report.verdict is Verdict.WRONG else 0)
+
+
+def _show(report: CheckReport) -> None:
+    if not _OUT.is_terminal:
+        _OUT.width = _LOG_WIDTH
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("check", "joint", "", "measured", "expected"):
+        table.add_column(heading, overflow="fold")
+    for finding in report.findings:
+        mark = f"[{_COLOURS[finding.verdict]}]{finding.verdict.value}[/]"
+        table.add_row(finding.check, finding.joint, mark, finding.measured, finding.expected)
+    _OUT.print(table)
+    mend = [f for f in report.findings if f.verdict in (Verdict.WRONG, Verdict.WARNING)]
+    for finding in mend:
+        where = f"{finding.check} {finding.joint}".strip()
+        _OUT.print(f"{finding.verdict.value}: {where}: {finding.mend}", highlight=False, soft_wrap=True)
+    _OUT.print(_verdict_line(report), highlight=False, soft_wrap=True)
+
+
+def _verdict_line(report: CheckReport) -> str:
+    counts = {verdict: sum(f.verdict is verdict for f in report.findings) for verdict in Verdict}
+    rest = f"{counts[Verdict.WARNING]} warnings, {counts[Verdict.NOT_CHECKED]} not checked"
+    if report.verdict is Verdict.WRONG:
+        return f"verdict  {counts[Verdict.WRONG]} things are wrong, {rest}: mend them before the arm moves"
+    if any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in report.findings):
+        return f"verdict  nothing wrong as far as listening tells, {rest}"
+    return f"verdict  nothing wrong, {rest}"
+
+
+if __name__ == "__main__":
+    check()

@@ -1,0 +1,109 @@
+"""An arm as its contract sees it: two topics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from tel_ros.core.config import Config
+from tel_ros.nodes.conversions import time_ns
+from tel_ros.recording import topics
+
+TINY_SHARE = 0.0025
+"""Share of the effort limit that the tests use, on any arm."""
+START_S = 30.0
+
+
+class ArmUnderTest:
+    """A running arm and a client beside it. Use it with ``with``.
+
+    Args:
+        config: its configuration.
+        lockstep: its time stands still without commands.
+        obeys_nobody: it must not get commands that no arm may obey.
+    """
+
+    def __init__(self, config: Config, *, lockstep: bool, obeys_nobody: bool = False) -> None:
+        self.config, self.lockstep, self.is_precious = config, lockstep, obeys_nobody
+        self.joints = config.arm.joints
+        self.tiny_nm = (TINY_SHARE * np.array(config.arm.effort_limit_nm)).tolist()
+        self.zero_nm = [0.0] * len(self.joints)
+        self.states: list[JointState] = []
+        self._context = Context()
+
+    def __enter__(self) -> ArmUnderTest:
+        """Wait for the arm."""
+        rclpy.init(context=self._context)
+        self.node = Node("contract_test", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.node.create_subscription(JointState, topics.JOINT_STATES, self.states.append, 5000)
+        self._pub = self.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
+        self.spin_until(
+            lambda: len(self.states) > 2 and self._pub.get_subscription_count() > 0, START_S, "the arm"
+        )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Command zero and go."""
+        self.command(self.zero_nm)
+        time.sleep(0.02)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Spin until a condition holds; fail the test when it does not come."""
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def new_states(self, n: int, timeout_s: float = 20.0) -> list[JointState]:
+        """Return the next n messages of the arm."""
+        start = len(self.states)
+        self.spin_until(lambda: len(self.states) >= start + n, timeout_s, f"{n} states")
+        return self.states[start : start + n]
+
+    def command(self, effort_nm: list[float], answers_ns: int | None = None) -> None:
+        """Send a command, labelled with the stamp of a state or not at all."""
+        message = Float64MultiArray(data=effort_nm)
+        if answers_ns is not None:
+            n = len(effort_nm)
+            message.layout.dim = [MultiArrayDimension(label=str(answers_ns), size=n, stride=n)]
+        self._pub.publish(message)
+
+    def answer(self, effort_nm: list[float], n: int = 1) -> list[tuple[int, JointState]]:
+        """Answer n states in turn; return each stamp that was answered, and the state that followed."""
+        pairs = []
+        for _ in range(n):
+            stamp_ns = time_ns(self.states[-1].header.stamp)
+            self.command(effort_nm, stamp_ns)
+            self.spin_until(lambda s=stamp_ns: self.stamp_ns() > s, 10.0, "the next state")
+            pairs.append((stamp_ns, self.states[-1]))
+        return pairs
+
+    def stamp_ns(self) -> int:
+        """Return the stamp of the newest state."""
+        return time_ns(self.states[-1].header.stamp)
+
+    def effort_nm(self, state: JointState) -> list[float] | None:
+        """Return the efforts in the order of the joints; None if the arm does not tell."""
+        if len(state.effort) != len(state.name):
+            return None
+        values = [state.effort[list(state.name).index(joint)] for joint in self.joints]
+        return None if np.isnan(values).any() else values
+
+    def position_rad(self, state: JointState) -> np.ndarray:
+        """Return the positions in the order of the joints."""
+        return np.array([state.position[list(state.name).index(joint)] for joint in self.joints])

@@ -1,0 +1,82 @@
+"""The implementations that the contract is tested on."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from arm_under_test import ArmUnderTest  # noqa: E402
+
+from tel_ros.app.bring_up import NodeProcesses  # noqa: E402
+from tel_ros.core.config import Config  # noqa: E402
+from tel_ros.recording.config_file import dump_config, load_config  # noqa: E402
+
+HERE = Path(__file__).parent
+CONFIG = HERE.parents[1] / "config" / "planar_arm.yaml"
+RATE_HZ = 200
+OURS = ("sim_bridge in real time", "sim_bridge in lockstep", "fake arm")
+_DOMAINS = itertools.count(os.getpid())
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options; they are known when this folder is named on the command line."""
+    parser.addoption("--arm-config", help="run configuration of a running arm (run.arm: external)")
+    parser.addoption("--hostile-commands", action="store_true", help="also commands that no arm must obey")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run every test on our own implementations, or on the one that was named."""
+    if "arm" in metafunc.fixturenames:
+        named = metafunc.config.getoption("--arm-config", default=None)
+        metafunc.parametrize("arm", [named] if named else OURS, indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ArmUnderTest]:
+    """Return a running arm; one that is ours has a ROS domain of its own."""
+    if request.param not in OURS:
+        config = load_config(request.param)
+        hostile = request.config.getoption("--hostile-commands")
+        with ArmUnderTest(config, lockstep=False, obeys_nobody=not hostile) as running:
+            yield running
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(1 + next(_DOMAINS) % 100))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        config = load_config(CONFIG, [f"control.rate_hz={RATE_HZ}"])
+        if request.param == "fake arm":
+            yield from _fake(config)
+        else:
+            yield from _simulated(config, "lockstep" in request.param, tmp_path_factory.mktemp("arm"))
+
+
+def _simulated(config: Config, lockstep: bool, folder: Path) -> Iterator[ArmUnderTest]:
+    clock = "lockstep" if lockstep else "realtime"
+    config = replace(config, sim=replace(config.sim, clock=clock))
+    file = folder / "run.yaml"
+    file.write_text(dump_config(config), encoding="utf-8")
+    with (
+        NodeProcesses(file, ["sim_bridge"], folder / "log"),
+        ArmUnderTest(config, lockstep=lockstep) as running,
+    ):
+        yield running
+
+
+def _fake(config: Config) -> Iterator[ArmUnderTest]:
+    process = subprocess.Popen([sys.executable, str(HERE / "fake_arm.py"), str(RATE_HZ), ""])
+    try:
+        with ArmUnderTest(config, lockstep=False) as running:
+            yield running
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(10.0)

@@ -1,0 +1,142 @@
+"""A check finds the fault of an arm, and nothing at an arm without one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_check import SyntheticCheck
+from two_link import TwoLinkArm, arm_config
+
+from tel_ros.core.check.findings import Finding, Verdict, worst
+from tel_ros.core.check.verdicts import judge_listening, judge_pulses
+
+from faulty_arm import FaultyArm  # isort: skip
+
+RATE_HZ = 500.0
+POSTURES = [(0.2, 0.5), (0.0, 2.0)]
+
+
+def inertia(posture: tuple[float, float]) -> np.ndarray:
+    """M of the arm, column by column from its inverse dynamics at rest."""
+    rows, still = np.tile(posture, (2, 1)), np.zeros((2, 2))
+    return TwoLinkArm(friction_nms_per_rad=0.0).inverse_dynamics(rows, still, np.eye(2)).T
+
+
+def check(fault: str, posture: tuple[float, float] = (0.2, 0.5)) -> tuple[SyntheticCheck, list[Finding]]:
+    made = SyntheticCheck(FaultyArm(fault, posture_rad=posture))
+    findings = judge_listening(made.listen(), arm_config(), RATE_HZ, arm_has_own_clock=False)
+    session = made.pulse()
+    findings += judge_pulses(
+        session,
+        made.guard,
+        made.states(),
+        arm_config(),
+        RATE_HZ,
+        inertia(posture),
+        np.array([0.05, 0.05]),
+    )
+    return made, findings
+
+
+def wrong(findings: list[Finding]) -> set[tuple[str, str]]:
+    return {(f.check, f.joint) for f in findings if f.verdict is Verdict.WRONG}
+
+
+def of(findings: list[Finding], name: str, joint: str = "") -> Finding:
+    return next(f for f in findings if f.check == name and f.joint == joint)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_nothing_is_wrong_with_an_arm_without_fault(posture: tuple[float, float]) -> None:
+    _, findings = check("", posture)
+    assert {f.verdict for f in findings} == {Verdict.OK}
+    assert worst(findings) is Verdict.OK
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("fault", ["swapped_commands", "swapped_states"])
+def test_swapped_joints_are_found_whatever_the_coupling(fault: str, posture: tuple[float, float]) -> None:
+    _, findings = check(fault, posture)
+    assert wrong(findings) == {("wiring", "shoulder"), ("wiring", "elbow")}
+    assert of(findings, "wiring", "shoulder").measured == "its command moves elbow"
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize(("fault", "joint"), [("flipped_effort", "elbow"), ("flipped_position", "shoulder")])
+def test_a_flipped_sign_is_found(fault: str, joint: str, posture: tuple[float, float]) -> None:
+    _, findings = check(fault, posture)
+    assert wrong(findings) == {("sign of effort", joint)}
+
+
+def test_degrees_are_found_by_the_posture_and_stop_the_pulses() -> None:
+    made, findings = check("degrees")
+    assert ("posture", "shoulder") in wrong(findings)
+    assert "degrees" in of(findings, "posture", "shoulder").mend
+    assert of(findings, "posture", "shoulder").blocks
+    assert ("pulses", "") in wrong(findings)
+    assert np.abs(np.array(made.arm.arm.q) - [0.2, 0.5]).max() < 0.002
+
+
+def test_degrees_are_found_at_a_posture_that_could_be_radians() -> None:
+    _, findings = check("degrees", (0.0, 0.0))
+    assert ("posture", "shoulder") not in wrong(findings)
+    assert "degrees" in of(findings, "pulses").mend
+    assert "steps of 0.00549 rad" in of(findings, "pulses").measured
+
+
+def test_a_velocity_in_degrees_is_found() -> None:
+    _, findings = check("degrees_velocity")
+    assert wrong(findings) == {("velocity", "shoulder"), ("velocity", "elbow")}
+    assert "degrees/s" in of(findings, "velocity", "elbow").mend
+
+
+def test_stamps_that_stand_still_are_found_and_keep_the_arm_from_being_moved() -> None:
+    _, findings = check("stale_stamps")
+    assert {("order of stamps", ""), ("rate of stamps", ""), ("age of states", "")} <= wrong(findings)
+    assert of(findings, "order of stamps").blocks
+
+
+def test_states_that_come_late_are_found_by_their_age_and_by_the_delay() -> None:
+    _, findings = check("late_states")
+    assert {("age of states", ""), ("round-trip delay", "")} <= wrong(findings)
+    assert of(findings, "age of states").measured.startswith("40.3 ms")
+    assert of(findings, "age of states").blocks
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_20_ms_of_delay_are_found_and_measured(posture: tuple[float, float]) -> None:
+    _, findings = check("command_delay", posture)
+    assert wrong(findings) == {("round-trip delay", "")}
+    assert float(of(findings, "round-trip delay").measured.split()[0]) == pytest.approx(20.0, abs=2.5)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+def test_a_dead_effort_channel_is_found_and_the_other_joint_is_not_blamed(
+    posture: tuple[float, float],
+) -> None:
+    _, findings = check("dead_channel", posture)
+    assert wrong(findings) == {("effort channel", "shoulder")}
+    assert of(findings, "effort channel", "shoulder").measured == "nothing moves at ±0.4 N·m"
+
+
+@pytest.mark.parametrize("fault", ["no_watchdog", "no_watchdog_no_effort_field"])
+def test_a_driver_that_goes_on_pushing_without_commands_is_found(fault: str) -> None:
+    _, findings = check(fault)
+    assert wrong(findings) == {("watchdog of the driver", "")}
+
+
+def test_without_an_effort_field_the_watchdog_is_told_from_the_motion() -> None:
+    _, findings = check("no_effort_field")
+    assert worst(findings) is Verdict.WARNING
+    assert of(findings, "efforts").verdict is Verdict.WARNING
+    watchdog = of(findings, "watchdog of the driver")
+    assert watchdog.verdict is Verdict.OK
+    assert "no effort field" in watchdog.measured
+
+
+def test_an_effort_in_other_units_is_found_as_far_as_it_does_too_much() -> None:
+    _, findings = check("effort_in_percent")
+    assert wrong(findings) == {("effort scale", "shoulder"), ("effort scale", "elbow")}
+    _, findings = check("weak_effort")
+    assert wrong(findings) == set()
+    assert of(findings, "effort scale", "elbow").verdict is Verdict.WARNING

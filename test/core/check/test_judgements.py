@@ -1,0 +1,154 @@
+"""Single judgements on made-up records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from two_link import arm_config
+
+from tel_ros.core.check.connections import judge_connections, judge_names
+from tel_ros.core.check.effort_field import judge_quantisation
+from tel_ros.core.check.findings import Finding, Verdict, judged, worst
+from tel_ros.core.check.listening import judge_age, judge_posture, judge_rate, judge_stamps, judge_values
+from tel_ros.core.check.records import StateRecord
+from tel_ros.core.check.response import wiring
+from tel_ros.core.check.velocity import judge_velocity
+
+JOINTS = ("shoulder", "elbow")
+STATES = [("broadcaster", "sensor_msgs/msg/JointState", "reliable")]
+LISTENER = [("effort_controller", "std_msgs/msg/Float64MultiArray", "reliable")]
+
+
+def record(n: int = 200, period_s: float = 0.002, age_s: float = 0.001, **columns: np.ndarray) -> StateRecord:
+    time_s = 10.0 + period_s * np.arange(n)
+    zero = np.zeros((n, 2))
+    values = {
+        "received_s": time_s,
+        "stamp_ns": np.round((time_s - age_s) * 1e9).astype(np.int64),
+        "age_s": np.full(n, age_s),
+        "position_rad": zero,
+        "velocity_rad_s": zero,
+        "effort_nm": zero,
+    }
+    return StateRecord(JOINTS, **(values | columns))
+
+
+def bad(findings: list[Finding]) -> list[str]:
+    return [f.check for f in findings if f.verdict is Verdict.WRONG]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "expected"), [(500.0, []), (1000.0, ["rate of states", "rate of stamps"])]
+)
+def test_the_rate_has_to_be_the_configured_one(rate_hz: float, expected: list[str]) -> None:
+    assert bad(judge_rate(record(), rate_hz)) == expected
+
+
+def test_uneven_arrival_is_a_warning() -> None:
+    late_s = np.where(np.arange(200) % 10 == 0, 0.012, 0.0)
+    bunched_s = np.maximum.accumulate(record().received_s + late_s)
+    jitter = judge_rate(record(received_s=bunched_s), 500.0)[-1]
+    assert jitter.check == "jitter of arrival"
+    assert jitter.verdict is Verdict.WARNING
+
+
+def test_stamps_that_go_back_are_found() -> None:
+    stamps = record().stamp_ns.copy()
+    stamps[50:] -= 100_000_000
+    finding = judge_stamps(record(stamp_ns=stamps))
+    assert finding.verdict is Verdict.WRONG
+    assert finding.measured == "1 of 199 steps go back, 0 repeat a stamp"
+
+
+@pytest.mark.parametrize(("age_s", "good"), [(0.001, True), (0.019, True), (0.03, False), (-0.02, False)])
+def test_old_states_and_states_of_the_future_are_found(age_s: float, good: bool) -> None:
+    finding = judge_age(record(age_s=age_s), arm_has_own_clock=False)
+    assert (finding.verdict is Verdict.OK) is good
+    assert judge_age(record(age_s=age_s), arm_has_own_clock=True).verdict is Verdict.NOT_CHECKED
+
+
+def test_a_position_that_is_no_number_blocks_and_a_missing_velocity_warns() -> None:
+    position, velocity = np.zeros((200, 2)), np.zeros((200, 2))
+    position[7, 1], velocity[:, 0] = np.nan, np.nan
+    findings = judge_values(record(position_rad=position, velocity_rad_s=velocity))
+    assert bad(findings) == ["positions"]
+    assert findings[0].blocks
+    assert findings[0].measured == "not finite: elbow"
+    assert findings[1].measured == "missing: shoulder"
+
+
+def test_a_posture_out_of_range_blocks() -> None:
+    position = np.zeros((200, 2))
+    position[:, 1] = 3.0
+    findings = judge_posture(record(position_rad=position), arm_config())
+    assert [f.blocks for f in findings] == [False, True]
+
+
+@pytest.mark.parametrize(("factor", "good"), [(1.0, True), (57.3, False), (-1.0, False), (0.5, False)])
+def test_a_velocity_has_to_be_the_derivative_of_the_position(factor: float, good: bool) -> None:
+    time_s = 0.002 * np.arange(1000)
+    position = np.column_stack([np.sin(time_s), np.zeros(1000)])
+    velocity = factor * np.column_stack([np.cos(time_s), np.zeros(1000)])
+    moving, still = judge_velocity(record(1000, position_rad=position, velocity_rad_s=velocity))
+    assert (moving.verdict is Verdict.OK) is good
+    assert still.verdict is Verdict.NOT_CHECKED
+
+
+def test_a_velocity_that_is_late_by_a_filter_is_still_right() -> None:
+    time_s = 0.002 * np.arange(1000)
+    position = np.column_stack([np.sin(3 * time_s)] * 2)
+    velocity = np.column_stack([3 * np.cos(3 * (time_s - 0.005))] * 2)
+    assert bad(judge_velocity(record(1000, position_rad=position, velocity_rad_s=velocity))) == []
+
+
+def test_a_coarse_effort_is_a_warning() -> None:
+    effort = np.round(np.column_stack([np.linspace(-2, 2, 200)] * 2) / [0.5, 0.01]) * [0.5, 0.01]
+    findings = judge_quantisation(record(effort_nm=effort), arm_config())
+    assert [f.verdict for f in findings] == [Verdict.WARNING, Verdict.OK]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_wiring_of_seven_joints_is_recognised_in_any_units(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(7, 7))
+    response = root @ root.T + 0.3 * np.eye(7)
+    order = rng.permutation(7)
+    units = rng.uniform(0.01, 100.0, 7)
+    wired = units[:, None] * response[:, order] * rng.choice([-1.0, 1.0], 7)
+    assert wiring(wired, range(7)).tolist() == order.tolist()
+
+
+@pytest.mark.parametrize(
+    ("states", "commanders", "listeners", "expected"),
+    [
+        (STATES, [], LISTENER, []),
+        (STATES * 2, [], LISTENER, ["publisher of states"]),
+        (STATES, LISTENER, LISTENER, ["other commands"]),
+        (STATES, [], [], ["listener to commands"]),
+        (STATES, [], LISTENER * 2, ["listener to commands"]),
+        ([(*STATES[0][:2], "best_effort")], [], LISTENER, ["quality of service"]),
+    ],
+)
+def test_one_arm_has_one_publisher_one_listener_and_nobody_else(
+    states: list, commanders: list, listeners: list, expected: list[str]
+) -> None:
+    assert bad(judge_connections(states, commanders, listeners)) == expected
+
+
+def test_names_that_are_missing_or_there_twice_are_found_and_others_ignored() -> None:
+    assert bad(judge_names([("finger", "elbow", "shoulder")], JOINTS, 0)) == []
+    missing = judge_names([("schulter", "elbow")], JOINTS, 0)
+    assert [f.verdict is Verdict.WRONG for f in missing] == [True, False]
+    assert missing[0].measured == "in none (others: schulter)"
+    assert bad(judge_names([("elbow", "shoulder", "elbow")], JOINTS, 0)) == ["name"]
+    assert bad(judge_names([("elbow",), ("shoulder", "elbow")], JOINTS, 0)) == ["name"]
+    assert bad(judge_names([("elbow", "shoulder")], JOINTS, 3)) == ["fields"]
+
+
+def test_the_verdict_is_the_worst_finding_and_only_wrong_ones_block() -> None:
+    fine = judged("a", True, "", "", "mend it")
+    warning = judged("b", False, "", "", "mend it", otherwise=Verdict.WARNING, blocks=True)
+    assert (fine.mend, warning.blocks) == ("", False)
+    assert worst([fine]) is Verdict.OK
+    assert worst([fine, warning]) is Verdict.WARNING
+    assert worst([warning, judged("c", False, "", "", "")]) is Verdict.WRONG

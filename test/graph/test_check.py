@@ -1,0 +1,216 @@
+"""``tel check`` against arms behind real topics: a fake one with faults, the simulated one, and none."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from click.testing import CliRunner
+from graph_harness import ROOT, wait_until
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from tel_ros.app.check_command import check
+from tel_ros.recording import topics
+
+pytestmark = pytest.mark.timeout(90)
+
+CONFIG = ROOT / "config" / "planar_arm.yaml"
+FAKE_ARM = ROOT / "test" / "contract" / "fake_arm.py"
+RATE_HZ = 200
+EXTERNAL = (
+    *("--set", "run.arm=external", "--set", "run.arm_timeout_s=30"),
+    *("--set", f"control.rate_hz={RATE_HZ}", "--listen", "1"),
+)
+TIMING = {"rate of states", "rate of stamps", "jitter of arrival", "age of states", "round-trip delay"}
+"""A busy machine may spoil these for an arm that has nothing wrong with it."""
+StartArm = Callable[[str], None]
+
+
+@pytest.fixture
+def fake_arm() -> Iterator[StartArm]:
+    """Return a function that starts the fake arm with a fault."""
+    started: list[subprocess.Popen] = []
+
+    def start(fault: str) -> None:
+        started.append(subprocess.Popen([sys.executable, str(FAKE_ARM), str(RATE_HZ), fault]))
+
+    yield start
+    for process in started:
+        process.send_signal(signal.SIGINT)
+        process.wait(10.0)
+
+
+def run(*arguments: str, answer: str = "") -> tuple[int, str, str]:
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        result = CliRunner().invoke(check, [str(CONFIG), *arguments], input=answer)
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    return result.exit_code, result.stdout, result.stderr
+
+
+def checked(*arguments: str) -> tuple[int, dict[tuple[str, str], dict[str, str]]]:
+    """Check once more if the machine has stood still meanwhile: then the pulses end early, as they should."""
+    for _ in range(3):
+        code, out, err = run(*arguments, "--yes", "--json")
+        assert out, err
+        findings = {(f["check"], f["joint"]): f for f in json.loads(out)["findings"]}
+        if "no joint state for" not in findings.get(("pulses", ""), {"measured": ""})["measured"]:
+            break
+    return code, findings
+
+
+def spin_until(executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout_s: float) -> None:
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.05)
+
+
+def wrong(findings: dict[tuple[str, str], dict[str, str]]) -> set[tuple[str, str]]:
+    return {key for key, finding in findings.items() if finding["verdict"] == "wrong"}
+
+
+def test_an_arm_without_fault_is_found_to_be_fine(fake_arm: StartArm) -> None:
+    fake_arm("")
+    code, findings = checked(*EXTERNAL)
+    assert {name for name, _ in wrong(findings)} <= TIMING
+    assert code == (1 if wrong(findings) else 0)
+    for joint in ("shoulder", "elbow"):
+        for name in ("name", "effort channel", "wiring", "sign of effort", "effort field", "velocity"):
+            assert findings[name, joint]["verdict"] == "ok", findings[name, joint]
+    assert findings["watchdog of the driver", ""]["verdict"] == "ok"
+
+
+# One session takes seconds. All faults are found in test/core/check, with the same faulty arm and no ROS.
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("swapped_commands", ("wiring", "shoulder")),
+        ("flipped_effort", ("sign of effort", "elbow")),
+    ],
+)
+def test_a_fault_is_found_over_real_topics(fake_arm: StartArm, fault: str, expected: tuple[str, str]) -> None:
+    fake_arm(fault)
+    code, findings = checked(*EXTERNAL)
+    assert code == 1
+    assert expected in wrong(findings)
+    assert findings[expected]["mend"]
+
+
+def test_an_arm_that_somebody_else_commands_is_not_pulsed(fake_arm: StartArm) -> None:
+    fake_arm("second_commander")
+    _, findings = checked(*EXTERNAL)
+    assert findings["pulses", ""]["verdict"] == "not checked"
+    assert "not sent before this is mended" in findings["pulses", ""]["measured"]
+
+
+def test_a_passive_check_and_one_that_nobody_agrees_to_command_nothing(fake_arm: StartArm) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    listener = Node("listener_to_commands", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    heard: list[Float64MultiArray] = []
+    listener.create_subscription(Float64MultiArray, topics.EFFORT_COMMANDS, heard.append, 1000)
+    try:
+        fake_arm("nobody_listens")
+        _, out, _ = run(*EXTERNAL, "--passive", "--json")
+        assert "not sent, as asked" in out
+        for _ in range(4):  # discovery of the listener may take longer than the check listens
+            code, out, err = run(*EXTERNAL, answer="n\n")
+            if code == 0:
+                break
+        assert code == 0, out
+        assert "nobody has agreed" in out
+        assert "May each joint move by 0.05 rad?" in err
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        assert heard == []
+    finally:
+        listener.destroy_node()
+        context.try_shutdown()
+
+
+def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    listener = Node("listener_to_states", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    states: list[JointState] = []
+    listener.create_subscription(JointState, topics.JOINT_STATES, states.append, 5000)
+    command = [sys.executable, "-m", "tel_ros.app.check_command", str(CONFIG), *EXTERNAL, "--yes"]
+    fake_arm("no_watchdog")  # so that nothing but the check's own last command can switch the effort off
+    process = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        spin_until(executor, lambda: bool(states) and any(states[-1].effort), 40.0)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20.0)
+        assert process.returncode == 130
+        assert "zero effort was commanded" in err
+        seen = len(states)
+        spin_until(executor, lambda: len(states) > seen + 50, 20.0)
+        assert not any(states[-1].effort)
+    finally:
+        if process.poll() is None:
+            process.kill()
+        listener.destroy_node()
+        context.try_shutdown()
+
+
+def test_the_simulated_arm_is_started_checked_and_ended() -> None:
+    code, findings = checked("--listen", "1", "--set", f"control.rate_hz={RATE_HZ}")
+    assert {name for name, _ in wrong(findings)} <= TIMING
+    assert code in (0, 1)
+    assert findings["wiring", "shoulder"]["verdict"] == findings["wiring", "elbow"]["verdict"] == "ok"
+
+
+def test_without_an_arm_the_exit_code_is_3() -> None:
+    code, out, err = run("--set", "run.arm=external", "--set", "run.arm_timeout_s=0.5", "--yes")
+    assert (code, out) == (3, "")
+    assert "no joint states on /joint_states within 0.5 s" in err
+
+
+def test_another_arm_on_the_domain_keeps_the_simulated_one_from_being_started(fake_arm: StartArm) -> None:
+    fake_arm("")
+    wait_until(lambda: run("--passive", "--listen", "0.5")[0] == 2, 30.0, "a refusal")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("--effort-share", "0.2"), ["effort_share", "0.2", "up to 0.1"]),
+        (("--range", "1.0"), ["range_rad", "1.0", "up to 0.2 rad"]),
+        (("--listen", "0.1"), ["listen_s", "0.1", "0.5 to 600 s"]),
+        (("--set", "control.coridor_rad=1"), ["control.coridor_rad"]),
+    ],
+)
+def test_wrong_input_is_named_and_nothing_starts(arguments: tuple[str, ...], parts: list[str]) -> None:
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    for part in parts:
+        assert part in err
+
+
+def test_the_table_ends_with_what_to_mend_and_a_verdict(fake_arm: StartArm) -> None:
+    fake_arm("wrong_name")
+    code, out, _ = run(*EXTERNAL, "--passive")
+    assert code == 1
+    assert "wrong: name elbow: arm.joints needs the names" in out
+    assert out.strip().splitlines()[-1].startswith("verdict  ")
