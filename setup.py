@@ -86,7 +86,7 @@ setup(
         # What benchmarks/learners.py compares with.
         "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name.
-        "test": ["pytest", "pytest-timeout"],
+        "test": ["pytest", "pytest-timeout", "pytest-xdist"],
         "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],
     },
     entry_points={
