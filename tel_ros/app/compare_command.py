@@ -52,7 +52,9 @@ def compare(
     def show(run: MethodRun, done: int, total: int) -> None:
         click.echo(f"{done:3d}/{total}  arm {run.seed}  {run.method}", err=True)
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # SIGINT as well: where a script has started this in the background, it would be ignored.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     names = tuple(name.strip() for name in methods.split(",") if name.strip())
     try:
         task = Task(config_file, overrides, trials)
