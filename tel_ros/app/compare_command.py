@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import signal
 from pathlib import Path
@@ -20,7 +21,7 @@ from tel_ros.core.errors import TelError
     "--seeds", default=10, show_default=True, help="Arms, each with its masses, friction and noise."
 )
 @click.option("--trials", default=15, show_default=True, help="Budget of every method.")
-@click.option("--jobs", default=1, show_default=True, help="Processes at a time.")
+@click.option("--jobs", default=os.cpu_count() or 1, show_default="one a core", help="Processes at a time.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
