@@ -56,10 +56,13 @@ setup(
     extras_require={
         # ROS 2 Jazzy from wheels, for machines without a ROS installation.
         "ros": [
+            "ros-jazzy-diagnostic-msgs",
+            "ros-jazzy-lifecycle-msgs",
             "ros-jazzy-rclpy",
             "ros-jazzy-rmw-fastrtps-cpp",
             "ros-jazzy-sensor-msgs",
             "ros-jazzy-std-msgs",
+            "ros-jazzy-std-srvs",
             "ros-jazzy-trajectory-msgs",
         ],
         # What it takes to build interfaces/ against those wheels; none of it is needed to run.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from graph_harness import QUICK, TelProcess, summary_of, wait_until
+from graph_harness import PATIENT, QUICK, TelProcess, summary_of, wait_until
 from rosbags.highlevel import AnyReader
 
 from tel_ros.core.control.records import Outcome
@@ -77,7 +77,7 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
 
 def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
-    run = tel("sim.clock=realtime", "practice.trials=1", *three_s)
+    run = tel("sim.clock=realtime", "practice.trials=1", "control.corridor_rad=2.0", *three_s, *PATIENT)
     code, out, err = run.finish()
     assert code == 0, err
     row = summary_of(out)["trials"][0]
