@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from urdf_parser_py.urdf import URDF
 
 from tel_ros.core.config import ArmConfig
@@ -130,12 +129,8 @@ def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:
     return JointLimits(tuple(low), tuple(high), tuple(speed), tuple(effort))
 
 
-def _pose(origin: Any) -> FloatArray:
-    pose = np.eye(4)
-    if origin is not None:
-        pose[:3, :3] = Rotation.from_euler("xyz", origin.rpy or [0.0, 0.0, 0.0]).as_matrix()
-        pose[:3, 3] = origin.xyz or [0.0, 0.0, 0.0]
-    return pose
+def _triple(values: Any) -> FloatArray:
+    return np.array(values or [0.0, 0.0, 0.0], dtype=float)
 
 
 def chain_to_hand(urdf: Any, joints: tuple[str, ...], hand_link: str) -> SerialChain:
@@ -153,7 +148,8 @@ def chain_to_hand(urdf: Any, joints: tuple[str, ...], hand_link: str) -> SerialC
         axis = np.array(joint.axis if joint.axis is not None else [1.0, 0.0, 0.0], dtype=float)
         chain.append(
             ChainJoint(
-                origin=_pose(joint.origin),
+                origin_m=_triple(joint.origin and joint.origin.xyz),
+                origin_rpy_rad=_triple(joint.origin and joint.origin.rpy),
                 axis=axis / np.linalg.norm(axis) if np.any(axis) else axis,
                 index=joints.index(joint.name) if joint.name in joints else None,
                 prismatic=joint.type == "prismatic",

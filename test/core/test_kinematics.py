@@ -10,12 +10,15 @@ from tel_ros.core.kinematics import ChainJoint, SerialChain
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def pose(xyz: tuple[float, float, float] = (0, 0, 0), rotation: np.ndarray | None = None) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = xyz
-    if rotation is not None:
-        matrix[:3, :3] = rotation
-    return matrix
+def joint(
+    axis: np.ndarray,
+    index: int | None,
+    xyz: tuple[float, float, float] = (0, 0, 0),
+    roll_rad: float = 0.0,
+    *,
+    prismatic: bool = False,
+) -> ChainJoint:
+    return ChainJoint(np.array(xyz, dtype=float), np.array([roll_rad, 0.0, 0.0]), axis, index, prismatic)
 
 
 def about_x(angle_rad: float) -> np.ndarray:
@@ -31,9 +34,9 @@ def about_z(angle_rad: float) -> np.ndarray:
 def two_link(first: int = 0, second: int = 1) -> SerialChain:
     return SerialChain(
         (
-            ChainJoint(pose((0, 0, 0.1)), Z, first),
-            ChainJoint(pose((0.33, 0, 0)), Z, second),
-            ChainJoint(pose((0.25, 0, 0)), Z, None),
+            joint(Z, first, (0, 0, 0.1)),
+            joint(Z, second, (0.33, 0, 0)),
+            joint(Z, None, (0.25, 0, 0)),
         )
     )
 
@@ -63,8 +66,8 @@ def test_joints_may_come_in_another_order_than_in_the_chain() -> None:
 def test_a_prismatic_joint_slides_along_its_axis_in_the_frame_of_its_link() -> None:
     chain = SerialChain(
         (
-            ChainJoint(pose(), Z, 0),
-            ChainJoint(pose((0.5, 0, 0)), np.array([1.0, 0.0, 0.0]), 1, prismatic=True),
+            joint(Z, 0),
+            joint(np.array([1.0, 0.0, 0.0]), 1, (0.5, 0, 0), prismatic=True),
         )
     )
     hand = chain.hand_positions(np.array([[np.pi / 2, 0.2], [0.0, -0.1]]))
@@ -75,9 +78,9 @@ def test_a_turned_origin_turns_everything_behind_it() -> None:
     """The second axis is tipped by 90° about x: turning about it lifts the hand out of the plane."""
     chain = SerialChain(
         (
-            ChainJoint(pose(), Z, 0),
-            ChainJoint(pose((0.4, 0, 0), about_x(np.pi / 2)), Z, 1),
-            ChainJoint(pose((0.3, 0, 0)), Z, None),
+            joint(Z, 0),
+            joint(Z, 1, (0.4, 0, 0), np.pi / 2),
+            joint(Z, None, (0.3, 0, 0)),
         )
     )
     q = postures(2)
@@ -88,7 +91,7 @@ def test_a_turned_origin_turns_everything_behind_it() -> None:
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7, -2.0])
 def test_a_joint_turns_about_any_axis_by_the_right_hand_rule(angle_rad: float) -> None:
     axis = np.array([1.0, 1.0, 1.0]) / np.sqrt(3.0)
-    chain = SerialChain((ChainJoint(pose(), axis, 0), ChainJoint(pose((1.0, 0, 0)), Z, None)))
+    chain = SerialChain((joint(axis, 0), joint(Z, None, (1.0, 0, 0))))
     x = np.array([1.0, 0.0, 0.0])
     rodrigues = (
         x * np.cos(angle_rad)

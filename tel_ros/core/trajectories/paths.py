@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.types import FloatArray
@@ -128,6 +127,8 @@ def waypoint_path(name: str, waypoints_rad: FloatArray) -> Path:
         name: for records and messages.
         waypoints_rad: shape (n, n_joints), n >= 2, finite, no two neighbours equal.
     """
+    from scipy.interpolate import CubicSpline  # late: a second of every start-up, for this alone
+
     chord = np.linalg.norm(np.diff(waypoints_rad, axis=0), axis=1)
     s_knots = np.concatenate([[0.0], np.cumsum(chord)]) / chord.sum()
     closed = len(waypoints_rad) > 2 and bool(np.array_equal(waypoints_rad[0], waypoints_rad[-1]))
