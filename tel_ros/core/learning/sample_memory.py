@@ -24,7 +24,7 @@ class SampleMemory:
         inputs: SI units. Shape (n, 3 * n_joints).
         targets_rad: shape (n, n_joints).
         noise: standard deviation of the noise in each input. Shape (n, 3 * n_joints).
-        weight: shape (n,).
+        weight: of each sample for each joint. Shape (n, n_joints).
         trial: number of the trial that each sample is from. Shape (n,).
     """
 
@@ -38,20 +38,19 @@ class SampleMemory:
     def empty(cls, n_joints: int) -> Self:
         """Return a memory without samples."""
         none = np.empty((0, 3 * n_joints))
-        return cls(none, np.empty((0, n_joints)), none, np.empty(0), np.empty(0, dtype=np.int64))
+        no_joint = np.empty((0, n_joints))
+        return cls(none, no_joint, none, no_joint, np.empty(0, dtype=np.int64))
 
     @classmethod
     def of_trial(
         cls, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray, trial: int
     ) -> Self:
         """Return the samples of one trial, thinned out to what tells something new."""
-        step = 1
-        if samples.period_s > 0.0 and np.isfinite(samples.bandwidth_hz):
-            step = max(1, int(1.0 / (_SAMPLES_PER_PERIOD * samples.bandwidth_hz * samples.period_s)))
+        step = thinning(samples)
         inputs, targets_rad = inputs[::step], targets_rad[::step]
         noise = samples.input_noise if len(samples.input_noise) else np.zeros(inputs.shape[1])
         n = len(inputs)
-        return cls(inputs, targets_rad, np.tile(noise, (n, 1)), np.ones(n), np.full(n, trial))
+        return cls(inputs, targets_rad, np.tile(noise, (n, 1)), np.ones(targets_rad.shape), np.full(n, trial))
 
     @classmethod
     def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
@@ -63,7 +62,9 @@ class SampleMemory:
         names = ("inputs", "targets_rad", "noise", "weight", "trial")
         inputs, targets, noise, weight, trial = (arrays[f"memory_{name}"] for name in names)
         n = len(weight)
-        shapes = [(n, 3 * n_joints), (n, n_joints), (n, 3 * n_joints), (n,), (n,)]
+        if weight.shape == (n,):  # from when a sample counted the same for all joints
+            weight = np.tile(weight[:, None], (1, n_joints))
+        shapes = [(n, 3 * n_joints), (n, n_joints), (n, 3 * n_joints), (n, n_joints), (n,)]
         for name, array, shape in zip(names, (inputs, targets, noise, weight, trial), shapes, strict=True):
             if array.shape != shape or not np.all(np.isfinite(array)):
                 raise ValueError(f"memory_{name} has shape {array.shape}; expected finite numbers of {shape}")
@@ -103,6 +104,10 @@ class SampleMemory:
             np.concatenate([self.trial, newer.trial]),
         )
 
+    def weighted(self, weight: FloatArray) -> Self:
+        """Return the same samples with these weights, of shape (n, n_joints)."""
+        return replace(self, weight=weight)
+
     def discounted(self, factor: float) -> Self:
         """Return the same samples with other weights."""
         return replace(self, weight=factor * self.weight)
@@ -118,3 +123,24 @@ class SampleMemory:
             keep[old[1::2]] = False
             memory = replace(memory, weight=weight)[keep]
         return memory
+
+
+def thinning(samples: TrainingSamples) -> int:
+    """Return of how many samples in a row one tells all that they tell."""
+    if not (samples.period_s > 0.0 and np.isfinite(samples.bandwidth_hz)):
+        return 1
+    return max(1, int(1.0 / (_SAMPLES_PER_PERIOD * samples.bandwidth_hz * samples.period_s)))
+
+
+def counted(error_rad: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return errors whose mean squares are the weighted means of the squares of the given ones.
+
+    Args:
+        error_rad: shape (n, n_joints).
+        weight: what each counts, not 0 for all of a joint. Shape (n, n_joints).
+
+    Returns:
+        Shape (n, n_joints).
+    """
+    result: FloatArray = error_rad * np.sqrt(weight / np.mean(weight, axis=0))
+    return result
