@@ -39,7 +39,7 @@ class Base(Protocol):
     """A model that the trees only have to correct."""
 
     changed: bool
-    stuck_weight: FloatArray
+    stuck_trust: FloatArray
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad]."""
@@ -96,8 +96,8 @@ class LeastSquaresLearner:
         trees = restore_trees(context, stored.arrays)
         learner._joints = [TreeRegression(t, float(s)) for t, s in zip(trees, strengths, strict=True)]
         data = learner._tree_data(learner._memory)
-        for joint, own, silent in zip(learner._joints, data, stored.header["silent"], strict=True):
-            joint.gram, joint.silent = joint.gram_of(own), bool(silent)
+        for joint, silent in zip(learner._joints, stored.header["silent"], strict=True):
+            joint.gram, joint.silent = joint.gram_of(data), bool(silent)
         return learner
 
     def stored(self) -> StoredLearner:
@@ -168,11 +168,11 @@ class LeastSquaresLearner:
             pair = replace(samples, actual=inputs, offset_rad=targets)
             learner.base, told = self.base.trained_on(pair, "actual")
             notes += told.grown
-            new = new.weighted(learner._weight(samples.certain[:: thinning(samples)]))
+            new = new.trusted(learner._trust(samples.certain[:: thinning(samples)]))
             if learner.base.changed:
                 old = learner._start_over()
         if learning.detect_change and self.trials_learned and not learner.changed:
-            error, std = counted(new.targets_rad - self.predict(new.inputs), new.weight), self.std(new.inputs)
+            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
             usual = np.sqrt(self._calibration.residual_rad2)
             if arm_has_changed(error, std, usual, lambda: learner._residuals(old, new)):
                 old = learner._start_over()
@@ -185,23 +185,27 @@ class LeastSquaresLearner:
             raise TrainingError("the weights did not stay finite; the network is unchanged")
         return learner, outcome(self, learner, samples, tuple(notes))
 
-    def _weight(self, sliding: BoolArray) -> FloatArray:
-        """Return what samples of the latest trial count for each joint. Shape (n, n_joints)."""
-        if self.base is None:  # a tree cannot tell dry friction from anything else
+    def _trust(self, sliding: BoolArray) -> FloatArray:
+        """Return how far samples of the latest trial are to be believed. Shape (n, n_joints)."""
+        if self.base is None:  # trees cannot tell dry friction from anything else
             return np.ones(sliding.shape)
-        return np.where(sliding, 1.0, self.base.stuck_weight)
+        return np.where(sliding, 1.0, self.base.stuck_trust)
 
-    def _tree_data(self, memory: SampleMemory) -> list[TreeData]:
-        """Return the samples for the tree of each joint."""
+    def _tree_data(self, memory: SampleMemory) -> TreeData:
         scaled = self.context.input_range.scale(memory.inputs)
-        noise = memory.noise / (self.context.input_range.high - self.context.input_range.low)
-        return [TreeData(scaled, noise, weight) for weight in memory.weight.T]
+        width = self.context.input_range.high - self.context.input_range.low
+        return TreeData(scaled, memory.noise / width, memory.weight)
 
     def _targets(self, memory: SampleMemory) -> FloatArray:
-        """Return what the trees have to say at samples. Shape (n, n_joints)."""
+        """Return what the trees have to say at samples. Shape (n, n_joints).
+
+        Where a target cannot be believed, that is to leave the word to the base: a tree that was not asked
+        there at all would say anything.
+        """
         if self.base is None:
             return memory.targets_rad
-        return memory.targets_rad - self.base.predict(memory.inputs)
+        wanted: FloatArray = memory.trust * (memory.targets_rad - self.base.predict(memory.inputs))
+        return wanted
 
     def _start_over(self) -> SampleMemory:
         """Forget all samples and return the memory that is left; the trees keep their form."""
@@ -217,20 +221,17 @@ class LeastSquaresLearner:
         if len(old) == 0:
             chosen = alternate_slices(len(new))
             learned, held_out = new[chosen], new[~chosen]
-        data_of_learned, data_of_held_out = self._tree_data(learned), self._tree_data(held_out)
+        learned_data, held_out_data = self._tree_data(learned), self._tree_data(held_out)
         learned_y, held_out_y = self._targets(learned), self._targets(held_out)
         notes: list[str] = []
         for j, joint in enumerate(self._joints):
-            learned_data, held_out_data = data_of_learned[j], data_of_held_out[j]
             if len(old) == 0:
                 joint.gram = joint.gram_of(learned_data)
             y_learned, y_held_out = learned_y[:, j], held_out_y[:, j]
             joint.silent = False
 
-            def residual(
-                candidate: TreeRegression, y: FloatArray = y_held_out, data: TreeData = held_out_data
-            ) -> FloatArray:
-                return counted(y - candidate.tree.predict(data.inputs), data.weight)
+            def residual(candidate: TreeRegression, y: FloatArray = y_held_out) -> FloatArray:
+                return y - candidate.tree.predict(held_out_data.inputs)
 
             moment = joint.moment_of(learned_data, y_learned)
 
@@ -255,9 +256,7 @@ class LeastSquaresLearner:
                 joint = self._joints[j] = grown
                 error = rms(residual(joint))
                 notes.append(growth_text(self.context.joints, j, joint.tree.n_subtrees, leaf))
-            joint.silent = self.base is not None and error > CLEARLY * rms(
-                counted(y_held_out, held_out_data.weight)
-            )
+            joint.silent = self.base is not None and error > CLEARLY * rms(y_held_out)
             if len(old) == 0:
                 joint.gram[:] = 0.0
         return notes
@@ -267,15 +266,14 @@ class LeastSquaresLearner:
         new_data, new_y = self._tree_data(new), self._targets(new)
         old_data, old_y = self._tree_data(old), self._targets(old)
         for j, joint in enumerate(self._joints):
-            joint.gram = joint.gram + joint.gram_of(new_data[j])
-            moment = joint.moment_of(old_data[j], old_y[:, j])
-            joint.solve(moment + joint.moment_of(new_data[j], new_y[:, j]))
+            joint.gram = joint.gram + joint.gram_of(new_data)
+            joint.solve(joint.moment_of(old_data, old_y[:, j]) + joint.moment_of(new_data, new_y[:, j]))
         memory = old.joined(new)
         self._memory = memory.bounded(self.context.learning.memory_samples)
         if self._memory is not memory:
             data = self._tree_data(self._memory)
-            for joint, own in zip(self._joints, data, strict=True):
-                joint.set_gram(joint.gram_of(own))
+            for joint in self._joints:
+                joint.set_gram(joint.gram_of(data))
 
     def _residuals(self, old: SampleMemory, new: SampleMemory) -> tuple[FloatArray, FloatArray]:
         """Return how well the new samples are fitted with the old ones, and alone. Shapes (n_joints,)."""
@@ -283,23 +281,22 @@ class LeastSquaresLearner:
         old_data, old_y = self._tree_data(old), self._targets(old)
         residuals = np.zeros((2, len(self._joints)))
         for j, joint in enumerate(self._joints):
-            moment_old = joint.moment_of(old_data[j], old_y[:, j])
-            moment_new, gram_new = joint.moment_of(new_data[j], new_y[:, j]), joint.gram_of(new_data[j])
+            moment_old = joint.moment_of(old_data, old_y[:, j])
+            moment_new, gram_new = joint.moment_of(new_data, new_y[:, j]), joint.gram_of(new_data)
             for k, weight in enumerate((1.0, 0.0)):
                 fit = joint.copy()
                 fit.gram = weight * joint.gram + gram_new
                 fit.solve(weight * moment_old + moment_new)
-                error = new_y[:, j] - fit.tree.predict(new_data[j].inputs)
-                residuals[k, j] = rms(counted(error, new_data[j].weight))
+                residuals[k, j] = rms(new_y[:, j] - fit.tree.predict(new_data.inputs))
         return residuals[0], residuals[1]
 
     def _calibrate(self, before: Self, samples: TrainingSamples) -> None:
         """Measure how good the predictions of the learner before were, and how well this one fits."""
         step = max(1, len(samples.actual) // 500)
         inputs, offset = samples.actual[::step], samples.offset_rad[::step]
-        weight = self._weight(samples.certain[::step])
+        trust = self._trust(samples.certain[::step])
         if before.trials_learned:
             error = offset - before.predict(inputs)
-            self._calibration = before._calibration.tested(error, before.leverage(inputs), weight)
+            self._calibration = before._calibration.tested(error, before.leverage(inputs), trust)
         residual = offset - self.predict(inputs)
-        self._calibration = self._calibration.fitted(residual, self.leverage(inputs), weight)
+        self._calibration = self._calibration.fitted(residual, self.leverage(inputs), trust)

@@ -20,7 +20,7 @@ from tel_ros.core.learning.one_thread import on_one_thread
 from tel_ros.core.learning.rigid_body import RigidBodyRegressor
 from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
 from tel_ros.core.learning.signals import TrainingSamples
-from tel_ros.core.learning.sliding import stuck_weight
+from tel_ros.core.learning.sliding import stuck_trust
 from tel_ros.core.learning.training_pair import outcome, rms, training_pair
 from tel_ros.core.types import BoolArray, FloatArray
 
@@ -39,8 +39,8 @@ class RigidBodyLearner:
         self.context, self.trials_learned = context, 0
         self.changed = False
         """Whether the latest trial could not be explained together with the earlier ones."""
-        self.stuck_weight = np.ones(len(context.joints))
-        """What a sample of the latest trial counted whose joint may stick. Shape (n_joints,)."""
+        self.stuck_trust = np.ones(len(context.joints))
+        """How far samples of the latest trial were believed whose joint may stick. Shape (n_joints,)."""
         self._regressor = RigidBodyRegressor(context.urdf, context.joints)
         n = self._regressor.n_parameters
         self._stiffness = np.array(context.stiffness_nm_per_rad)
@@ -131,11 +131,11 @@ class RigidBodyLearner:
         learner.changed = False
         old = self._equations.scaled(learning.forgetting)
         sliding = samples.certain[:: thinning(samples)]
-        learner.stuck_weight = self._stuck_weight(old, new, sliding)
-        new = new.weighted(np.where(sliding, 1.0, learner.stuck_weight))
+        learner.stuck_trust = self._stuck_trust(old, new, sliding)
+        new = new.trusted(np.where(sliding, 1.0, learner.stuck_trust))
         added = self._equations_of(new)
         if learning.detect_change and self.trials_learned:
-            error, std = counted(new.targets_rad - self.predict(new.inputs), new.weight), self.std(new.inputs)
+            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
             usual = np.sqrt(self._calibration.residual_rad2)
             learner.changed = arm_has_changed(error, std, usual, lambda: self._residuals(old, added, new))
         if learner.changed:
@@ -147,9 +147,9 @@ class RigidBodyLearner:
         learner._parameters = learner._equations.solution(learner._strength)
         if self.trials_learned:
             error = new.targets_rad - self.predict(new.inputs)
-            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs), new.weight)
+            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs), new.trust)
         fitted = new.targets_rad - learner.predict(new.inputs)
-        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs), new.weight)
+        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs), new.trust)
         notes = (CHANGED,) if learner.changed else ()
         return learner, outcome(self, learner, samples, notes)
 
@@ -170,7 +170,7 @@ class RigidBodyLearner:
     def _equations_of(self, data: SampleMemory) -> NormalEquations:
         """Return the normal equations of samples, freed of what noise in the accelerations adds to them."""
         n = self._regressor.n_parameters
-        root = np.sqrt(data.weight)
+        root = np.sqrt(data.trust)
         rows = (self._rows(data.inputs) * root[:, :, None]).reshape(-1, n)
         gram = rows.T @ rows
         effect = np.diag(gram).copy()
@@ -184,12 +184,12 @@ class RigidBodyLearner:
                 gram -= slope.T @ slope
         return NormalEquations(gram, rows.T @ (root * self._wanted(data)).ravel(), effect)
 
-    def _stuck_weight(self, old: NormalEquations, new: SampleMemory, sliding: BoolArray) -> FloatArray:
-        """Return what samples count whose joint may stick, judged by a fit that does without them."""
-        certain = old + self._equations_of(new.weighted(sliding.astype(np.float64)))
+    def _stuck_trust(self, old: NormalEquations, new: SampleMemory, sliding: BoolArray) -> FloatArray:
+        """Return how far to believe samples whose joint may stick, judged by a fit that does without them."""
+        certain = old + self._equations_of(new.trusted(sliding.astype(np.float64)))
         parameters = certain.solution(self._strength)
         residual = self._wanted(new) - self._rows(new.inputs) @ parameters
-        return stuck_weight(residual, sliding, parameters[-len(self._stiffness) :] / self._stiffness)
+        return stuck_trust(residual, sliding, parameters[-len(self._stiffness) :] / self._stiffness)
 
     def _residuals(
         self, old: NormalEquations, added: NormalEquations, new: SampleMemory
@@ -198,7 +198,7 @@ class RigidBodyLearner:
         rows, wanted = self._rows(new.inputs), self._wanted(new)
 
         def residual(equations: NormalEquations) -> FloatArray:
-            error = counted(wanted - rows @ equations.solution(self._strength), new.weight)
+            error = counted(wanted - rows @ equations.solution(self._strength), new.trust)
             result: FloatArray = np.sqrt(np.mean(error**2, axis=0))
             return result
 
@@ -215,6 +215,6 @@ class RigidBodyLearner:
         rows, wanted = self._rows(held_out.inputs), self._wanted(held_out)
 
         def error_with(strength: float) -> float:
-            return rms(counted(wanted - rows @ equations.solution(strength), held_out.weight))
+            return rms(counted(wanted - rows @ equations.solution(strength), held_out.trust))
 
         return better_strength(self._strength, error_with)[0]

@@ -26,6 +26,9 @@ _SHORTEST_RECORD = 50
 
 _MEMORY_PERIODS = 0.5
 """How far on either side the filter spreads what happens at one tick, in periods of its cutoff."""
+_STEP_PERIODS = 1.0
+"""The same of a step, which is what dry friction makes at a reversal: after half a period up to 7 % of it are
+left, from here on at most 2 %."""
 
 
 @dataclass(frozen=True)
@@ -138,15 +141,14 @@ def training_samples(
     moving = measured[rows[0] : rows[-1] + 1]
     if cutoff_hz is None:
         cutoff_hz = min(choose_cutoff_hz(moving, period_s), most_hz)
-    reach = _reach(cutoff_hz, period_s)
-    kept = _untouched_by_saturation(trial, reach)
+    kept = _untouched_by_saturation(trial, _reach(_MEMORY_PERIODS, cutoff_hz, period_s))
 
     position = low_pass(measured, cutoff_hz, period_s)
     velocity, acceleration = derivatives(position, period_s)
     offset = low_pass(even(_acting_equilibrium(trial)), cutoff_hz, period_s) - position
     actual = stack_inputs(position, velocity, acceleration)
     noise = derivative_noise(cutoff_hz, period_s)[:, None] * sensor_noise(moving, period_s)
-    sliding = slides_throughout(velocity, noise[1], reach)
+    sliding = slides_throughout(velocity, noise[1], _reach(_STEP_PERIODS, cutoff_hz, period_s))
 
     desired = trial.desired[trial.run].copy()
     desired_acceleration = desired[:, -position.shape[1] :]
@@ -162,9 +164,9 @@ def training_samples(
     )
 
 
-def _reach(cutoff_hz: float, period_s: float) -> int:
-    """Return how many ticks on either side filter and differences mix into a sample."""
-    memory_s = _MEMORY_PERIODS / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
+def _reach(periods: float, cutoff_hz: float, period_s: float) -> int:
+    """Return as ticks so many periods of the cutoff; at least the one that differences mix in."""
+    memory_s = periods / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
     return max(1, math.ceil(memory_s / period_s))
 
 

@@ -16,7 +16,7 @@ SLOWEST_SLIDING_RAD_S = 0.05
 """A joint that is slower may stick and slip by turns, of which a low-pass leaves the mean."""
 _CLEAR_OF_NOISE = 3.0
 """Standard deviations of the velocity that count as movement."""
-_LEAST_WEIGHT = 1e-12
+_LEAST_TRUST = 1e-12
 """Above zero, so that the weighted mean of samples none of which slides is one."""
 
 
@@ -42,8 +42,8 @@ def slides_throughout(velocity_rad_s: FloatArray, noise_rad_s: FloatArray, reach
     return result
 
 
-def stuck_weight(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: FloatArray) -> FloatArray:
-    """Return what a sample counts whose joint may stick, in units of one whose joint slides.
+def stuck_trust(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: FloatArray) -> FloatArray:
+    """Return what a sample whose joint may stick counts in a fit, in units of one whose joint slides.
 
     That is the ratio of their variances: to the residual of the sliding ones, sticking adds a torque that may
     be anything within ±c, with variance c² / 3. Without dry friction all samples count the same. So they do
@@ -62,4 +62,4 @@ def stuck_weight(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: Floa
     # Above zero, so that neither friction nor residual is no 0 / 0.
     variance = np.maximum(squares / np.maximum(n_sliding, 1), np.finfo(float).tiny)
     result: FloatArray = np.where(n_sliding > 0, variance / (variance + coulomb_rad**2 / 3.0), 1.0)
-    return np.maximum(result, _LEAST_WEIGHT)
+    return np.maximum(result, _LEAST_TRUST)
