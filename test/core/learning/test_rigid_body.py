@@ -236,8 +236,8 @@ def error_after_pauses(told: bool) -> float:
 
 def test_what_holds_a_joint_that_sticks_is_not_taken_for_its_dynamics() -> None:
     untold, told = error_after_pauses(told=False), error_after_pauses(told=True)
-    assert untold > 0.01
-    assert told < 0.05 * untold
+    assert untold > 0.03
+    assert told < 0.3 * untold
 
 
 def test_without_dry_friction_samples_at_rest_are_learned_from_all_the_same() -> None:
