@@ -274,8 +274,8 @@ the wrist's springs, and in the first trial, without a model, the wrist sticks m
 ROS, tick for tick like the graph, by `benchmarks/arms.py`.
 
 **Under gravity an abort lets the arm down.** The brake after an abort only ever takes energy out, so it gives
-way to a weight: the simulated iiwa sank by up to 2 rad before it came to rest. On a real arm that gravity acts
-on, support it.
+way to a weight: the simulated iiwa sank by up to 2 rad before it came to rest. On a real arm that gravity
+acts on, support it.
 
 **{met} of {len(judged)} targets are met.**
 
