@@ -270,8 +270,13 @@ that move nothing. A body without `<inertial>`, or inertia without mass, is warn
 RMS error in mrad over all joints, in brackets that of the worst joint. Encoders of 16 bits; practice on a
 schedule of {N_STEPS} trials even in torque (1/T²) and repeats of the last; the dry friction is 1 % of each
 joint's effort limit. The iiwa's file allows 300 N·m at the wrist as well; 1 % of that is 0.15 to 0.3 rad of
-the wrist's springs, and the wrist sticks and slips. Made without ROS, tick for tick like the graph, by
-`benchmarks/arms.py`.
+the wrist's springs, and in the first trial, without a model, the wrist sticks most of the time. Made without
+ROS, tick for tick like the graph, by `benchmarks/arms.py`.
+
+**Under gravity an abort lets the arm down.** The brake after an abort only ever takes energy out, so it gives
+way to a weight: the simulated iiwa sank by up to 2 rad before it came to rest. On a real arm that gravity
+acts on, support it.
+
 **{met} of {len(judged)} targets are met.**
 
 {body}"""

@@ -30,6 +30,7 @@ from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedT
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
@@ -238,9 +239,12 @@ class OfflinePractice:
             before_trial: is called with each plan before the learner is asked: the place to replace the arm.
 
         Raises:
+            ConfigError: the configured movements are too fast for the arm; nothing has moved.
             TelError: whatever :meth:`run_trial` raises.
         """
-        strategy = strategy or make_strategy(self._config)
+        if strategy is None:
+            require_within_velocity_limits(self._config, self._path, self._known_path)
+            strategy = make_strategy(self._config)
         done: list[PractisedTrial] = []
         last: TrialReport | None = None
         while isinstance(decision := strategy.next(last, self.forecast), PlannedTrial):

@@ -24,6 +24,7 @@ from tel_ros.core.control.records import TrialGoal
 from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
@@ -45,6 +46,7 @@ def check_before_moving(config: Config) -> None:
     """
     new_network(config)
     path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
+    require_within_velocity_limits(config, path, known_path)
     limits = Limits.of(config.arm, config.control.corridor_rad)
     for movement in dict.fromkeys(make_strategy(config).outlook()):
         desired = desired_trajectory(path, known_path, movement, config.control.rate_hz)

@@ -35,6 +35,7 @@ from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import (
@@ -123,6 +124,7 @@ class PracticeManagerNode(Node):
         try:
             if not goal_handle.request.run_dir:
                 raise ConfigError("run_dir", "", "the folder of the run")
+            require_within_velocity_limits(self._config, self._path, self._known_path)
             folder = Path(goal_handle.request.run_dir)
             self._written = open_run_folder(folder, self._config)
             summary = RunSummary(folder, self._written)

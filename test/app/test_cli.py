@@ -35,7 +35,7 @@ def waypoints(tmp_path: Path, text: str) -> str:
         ("practice.first_duration_s=3", ["practice.first_duration_s", "3.0", "goal_duration_s = 4.5"]),
         ("arm.urdf=nowhere.urdf", ["nowhere.urdf", "no such file", "arm.urdf"]),
         ("arm.joints=[shoulder, wrist]", ["arm.joints", "wrist", "shoulder, elbow"]),
-        ("practice.goal_duration_s=0.5", ["path.name", "planar_loops", "the arm can follow in"]),
+        ("practice.goal_duration_s=0.5", ["practice.goal_duration_s", "0.5", "at least", "elbow", "rad/s"]),
         ("learning.name=lms_tre", ["learning.name", "lms_tre", "rigid_body+lms_tree", "tel_ros.learners"]),
         ("path.name=spiral", ["path.name", "spiral", "planar_loops"]),
         (

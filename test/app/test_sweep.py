@@ -93,7 +93,7 @@ def test_a_value_that_cannot_be_practised_gives_a_failed_row_and_the_others_thei
     assert good["arm_s"] > 3.0
     assert 0.5 < good["goal_effort_ratio"] < 1.0  # 16.9 N·m of 20 at 3 s
     assert failed["outcome"] == "failed"
-    assert "elbow should be at" in failed["message"]
+    assert "elbow would move at" in failed["message"]
     assert [row["practice.goal_duration_s"] for row in table(out)] == ["3.0", "0.5"]
     assert [row["outcome"] for row in table(out)] == ["completed", "failed"]
 

@@ -69,18 +69,35 @@ class Calibration:
         result: FloatArray = np.sqrt(self.residual_rad2 + self.scale_rad2 * leverage)
         return result
 
-    def tested(self, error_rad: FloatArray, leverage: FloatArray) -> Self:
-        """Return it after a test: errors at samples that had not been learned from, shape (n, n_joints)."""
+    def tested(self, error_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
+        """Return it after a test: errors at samples that had not been learned from, shape (n, n_joints).
+
+        Args:
+            error_rad: shape (n, n_joints).
+            leverage: likewise.
+            trust: how far each sample is believed, likewise; None: all the same.
+        """
         noise = np.where(np.isfinite(self.residual_rad2), self.residual_rad2, 0.0)
-        excess = np.maximum(np.mean(error_rad**2, axis=0) - noise, 0.0)
-        found = excess / np.maximum(np.mean(leverage, axis=0), _LEAST_LEVERAGE)
+        excess = np.maximum(_mean(error_rad**2, trust) - noise, 0.0)
+        found = excess / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
         before = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, found)
         return replace(self, scale_rad2=_MEMORY * before + (1.0 - _MEMORY) * found)
 
-    def fitted(self, residual_rad: FloatArray, leverage: FloatArray) -> Self:
-        """Return it after training: errors that remain at the samples that were learned from."""
-        residual = np.mean(residual_rad**2, axis=0)
+    def fitted(self, residual_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
+        """Return it after training: errors that remain at the samples that were learned from.
+
+        Args:
+            residual_rad: shape (n, n_joints).
+            leverage: likewise.
+            trust: how far each sample is believed, likewise; None: all the same.
+        """
+        residual = _mean(residual_rad**2, trust)
         # Before the first test the residual is all there is to go by.
-        guess = residual / np.maximum(np.mean(leverage, axis=0), _LEAST_LEVERAGE)
+        guess = residual / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
         scale = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, guess)
         return replace(self, residual_rad2=residual, scale_rad2=scale)
+
+
+def _mean(values: FloatArray, trust: FloatArray | None) -> FloatArray:
+    """Return the weighted mean of each column. Shape (n_joints,)."""
+    return np.asarray(np.average(values, axis=0, weights=trust), dtype=np.float64)

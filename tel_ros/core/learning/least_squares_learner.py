@@ -19,7 +19,7 @@ from tel_ros.core.learning.held_out import (
 )
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner, TrainingMode, TrainingOutcome
 from tel_ros.core.learning.one_thread import on_one_thread
-from tel_ros.core.learning.sample_memory import SampleMemory
+from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.learning.training_pair import outcome, rms, training_pair
 from tel_ros.core.learning.tree_regression import TreeData, TreeRegression
@@ -30,7 +30,7 @@ from tel_ros.core.learning.tree_set import (
     restore_trees,
     tree_arrays,
 )
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import BoolArray, FloatArray
 
 _FIRST_STRENGTH = 0.1
 
@@ -39,6 +39,7 @@ class Base(Protocol):
     """A model that the trees only have to correct."""
 
     changed: bool
+    stuck_trust: FloatArray
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad]."""
@@ -167,10 +168,11 @@ class LeastSquaresLearner:
             pair = replace(samples, actual=inputs, offset_rad=targets)
             learner.base, told = self.base.trained_on(pair, "actual")
             notes += told.grown
+            new = new.trusted(learner._trust(samples.certain[:: thinning(samples)]))
             if learner.base.changed:
                 old = learner._start_over()
         if learning.detect_change and self.trials_learned and not learner.changed:
-            error, std = new.targets_rad - self.predict(new.inputs), self.std(new.inputs)
+            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
             usual = np.sqrt(self._calibration.residual_rad2)
             if arm_has_changed(error, std, usual, lambda: learner._residuals(old, new)):
                 old = learner._start_over()
@@ -183,16 +185,27 @@ class LeastSquaresLearner:
             raise TrainingError("the weights did not stay finite; the network is unchanged")
         return learner, outcome(self, learner, samples, tuple(notes))
 
+    def _trust(self, sliding: BoolArray) -> FloatArray:
+        """Return how far samples of the latest trial are to be believed. Shape (n, n_joints)."""
+        if self.base is None:  # trees cannot tell dry friction from anything else
+            return np.ones(sliding.shape)
+        return np.where(sliding, 1.0, self.base.stuck_trust)
+
     def _tree_data(self, memory: SampleMemory) -> TreeData:
         scaled = self.context.input_range.scale(memory.inputs)
         width = self.context.input_range.high - self.context.input_range.low
         return TreeData(scaled, memory.noise / width, memory.weight)
 
     def _targets(self, memory: SampleMemory) -> FloatArray:
-        """Return what the trees have to say at samples. Shape (n, n_joints)."""
+        """Return what the trees have to say at samples. Shape (n, n_joints).
+
+        Where a target cannot be believed, that is to leave the word to the base: a tree that was not asked
+        there at all would say anything.
+        """
         if self.base is None:
             return memory.targets_rad
-        return memory.targets_rad - self.base.predict(memory.inputs)
+        wanted: FloatArray = memory.trust * (memory.targets_rad - self.base.predict(memory.inputs))
+        return wanted
 
     def _start_over(self) -> SampleMemory:
         """Forget all samples and return the memory that is left; the trees keep their form."""
@@ -281,7 +294,9 @@ class LeastSquaresLearner:
         """Measure how good the predictions of the learner before were, and how well this one fits."""
         step = max(1, len(samples.actual) // 500)
         inputs, offset = samples.actual[::step], samples.offset_rad[::step]
+        trust = self._trust(samples.certain[::step])
         if before.trials_learned:
             error = offset - before.predict(inputs)
-            self._calibration = before._calibration.tested(error, before.leverage(inputs))
-        self._calibration = self._calibration.fitted(offset - self.predict(inputs), self.leverage(inputs))
+            self._calibration = before._calibration.tested(error, before.leverage(inputs), trust)
+        residual = offset - self.predict(inputs)
+        self._calibration = self._calibration.fitted(residual, self.leverage(inputs), trust)

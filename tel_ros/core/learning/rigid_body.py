@@ -14,8 +14,10 @@ import numpy as np
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.types import FloatArray
 
-COULOMB_SPEED_RAD_S = 0.05
-"""Where the smoothed sign function tanh(q̇ / v) of Coulomb friction has 3/4 of its full value."""
+COULOMB_SPEED_RAD_S = 0.01
+"""Where the smoothed sign function tanh(q̇ / v) of Coulomb friction has 3/4 of its full value. Desired
+velocities have no noise that a steep sign would turn into torque, and a sign that comes late at each reversal
+lets the arm stick there."""
 _PER_LINK = 10
 
 

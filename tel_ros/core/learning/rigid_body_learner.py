@@ -18,10 +18,11 @@ from tel_ros.core.learning.learner import LearnerContext, StoredLearner, Trainin
 from tel_ros.core.learning.normal_equations import NormalEquations
 from tel_ros.core.learning.one_thread import on_one_thread
 from tel_ros.core.learning.rigid_body import RigidBodyRegressor
-from tel_ros.core.learning.sample_memory import SampleMemory
+from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
 from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.learning.sliding import stuck_trust
 from tel_ros.core.learning.training_pair import outcome, rms, training_pair
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import BoolArray, FloatArray
 
 _FIRST_STRENGTH = 1e-4
 
@@ -38,6 +39,8 @@ class RigidBodyLearner:
         self.context, self.trials_learned = context, 0
         self.changed = False
         """Whether the latest trial could not be explained together with the earlier ones."""
+        self.stuck_trust = np.ones(len(context.joints))
+        """How far samples of the latest trial were believed whose joint may stick. Shape (n_joints,)."""
         self._regressor = RigidBodyRegressor(context.urdf, context.joints)
         n = self._regressor.n_parameters
         self._stiffness = np.array(context.stiffness_nm_per_rad)
@@ -126,9 +129,13 @@ class RigidBodyLearner:
         learner = copy.copy(self)
         learner.trials_learned += 1
         learner.changed = False
-        old, added = self._equations.scaled(learning.forgetting), self._equations_of(new)
+        old = self._equations.scaled(learning.forgetting)
+        sliding = samples.certain[:: thinning(samples)]
+        learner.stuck_trust = self._stuck_trust(old, new, sliding)
+        new = new.trusted(np.where(sliding, 1.0, learner.stuck_trust))
+        added = self._equations_of(new)
         if learning.detect_change and self.trials_learned:
-            error, std = new.targets_rad - self.predict(new.inputs), self.std(new.inputs)
+            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
             usual = np.sqrt(self._calibration.residual_rad2)
             learner.changed = arm_has_changed(error, std, usual, lambda: self._residuals(old, added, new))
         if learner.changed:
@@ -140,9 +147,9 @@ class RigidBodyLearner:
         learner._parameters = learner._equations.solution(learner._strength)
         if self.trials_learned:
             error = new.targets_rad - self.predict(new.inputs)
-            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs))
+            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs), new.trust)
         fitted = new.targets_rad - learner.predict(new.inputs)
-        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs))
+        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs), new.trust)
         notes = (CHANGED,) if learner.changed else ()
         return learner, outcome(self, learner, samples, notes)
 
@@ -163,7 +170,8 @@ class RigidBodyLearner:
     def _equations_of(self, data: SampleMemory) -> NormalEquations:
         """Return the normal equations of samples, freed of what noise in the accelerations adds to them."""
         n = self._regressor.n_parameters
-        rows = self._rows(data.inputs).reshape(-1, n)
+        root = np.sqrt(data.trust)
+        rows = (self._rows(data.inputs) * root[:, :, None]).reshape(-1, n)
         gram = rows.T @ rows
         effect = np.diag(gram).copy()
         n_joints = len(self.context.joints)
@@ -171,9 +179,17 @@ class RigidBodyLearner:
             noise = data.noise[:, 2 * n_joints + joint]
             if np.any(noise > 0.0):
                 slope = self._regressor.acceleration_slope(data.inputs, joint)
-                slope = (slope * (noise[:, None, None] / self._stiffness[:, None])).reshape(-1, n)
+                slope *= root[:, :, None] * noise[:, None, None] / self._stiffness[:, None]
+                slope = slope.reshape(-1, n)
                 gram -= slope.T @ slope
-        return NormalEquations(gram, rows.T @ self._wanted(data).ravel(), effect)
+        return NormalEquations(gram, rows.T @ (root * self._wanted(data)).ravel(), effect)
+
+    def _stuck_trust(self, old: NormalEquations, new: SampleMemory, sliding: BoolArray) -> FloatArray:
+        """Return how far to believe samples whose joint may stick, judged by a fit that does without them."""
+        certain = old + self._equations_of(new.trusted(sliding.astype(np.float64)))
+        parameters = certain.solution(self._strength)
+        residual = self._wanted(new) - self._rows(new.inputs) @ parameters
+        return stuck_trust(residual, sliding, parameters[-len(self._stiffness) :] / self._stiffness)
 
     def _residuals(
         self, old: NormalEquations, added: NormalEquations, new: SampleMemory
@@ -182,7 +198,7 @@ class RigidBodyLearner:
         rows, wanted = self._rows(new.inputs), self._wanted(new)
 
         def residual(equations: NormalEquations) -> FloatArray:
-            error = wanted - rows @ equations.solution(self._strength)
+            error = counted(wanted - rows @ equations.solution(self._strength), new.trust)
             result: FloatArray = np.sqrt(np.mean(error**2, axis=0))
             return result
 
@@ -199,6 +215,6 @@ class RigidBodyLearner:
         rows, wanted = self._rows(held_out.inputs), self._wanted(held_out)
 
         def error_with(strength: float) -> float:
-            return rms(wanted - rows @ equations.solution(strength))
+            return rms(counted(wanted - rows @ equations.solution(strength), held_out.trust))
 
         return better_strength(self._strength, error_with)[0]

@@ -19,12 +19,16 @@ from tel_ros.core.learning.noise import (
     low_pass,
     sensor_noise,
 )
+from tel_ros.core.learning.sliding import slides_throughout
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 _SHORTEST_RECORD = 50
 
 _MEMORY_PERIODS = 0.5
 """How far on either side the filter spreads what happens at one tick, in periods of its cutoff."""
+_STEP_PERIODS = 1.0
+"""The same of a step, which is what dry friction makes at a reversal: after half a period up to 7 % of it are
+left, from here on at most 2 %."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class TrainingSamples:
         bandwidth_hz: what lies above has been filtered away, so that neighbours closer than about
             1 / (5 * bandwidth_hz) tell nothing new; half of the sampling rate if nothing was filtered, inf if
             not known.
+        sliding: whether each joint moves in one direction in all that a sample is made of, so that dry
+            friction has one sign there. Shape (n, n_joints); empty if not known.
     """
 
     actual: FloatArray
@@ -70,6 +76,12 @@ class TrainingSamples:
     input_noise: FloatArray = field(default_factory=lambda: np.empty(0))
     period_s: float = 0.0
     bandwidth_hz: float = math.inf
+    sliding: BoolArray = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+
+    @property
+    def certain(self) -> BoolArray:
+        """Where each joint slides; everywhere if that is not known. Shape (n, n_joints)."""
+        return self.sliding if self.sliding.size else np.ones(self.offset_rad.shape, dtype=bool)
 
 
 def configured_samples(trial: TrialSignals, learning: LearningConfig) -> TrainingSamples:
@@ -129,13 +141,14 @@ def training_samples(
     moving = measured[rows[0] : rows[-1] + 1]
     if cutoff_hz is None:
         cutoff_hz = min(choose_cutoff_hz(moving, period_s), most_hz)
-    kept = _untouched_by_saturation(trial, cutoff_hz, period_s)
+    kept = _untouched_by_saturation(trial, _reach(_MEMORY_PERIODS, cutoff_hz, period_s))
 
     position = low_pass(measured, cutoff_hz, period_s)
     velocity, acceleration = derivatives(position, period_s)
     offset = low_pass(even(_acting_equilibrium(trial)), cutoff_hz, period_s) - position
     actual = stack_inputs(position, velocity, acceleration)
     noise = derivative_noise(cutoff_hz, period_s)[:, None] * sensor_noise(moving, period_s)
+    sliding = slides_throughout(velocity, noise[1], _reach(_STEP_PERIODS, cutoff_hz, period_s))
 
     desired = trial.desired[trial.run].copy()
     desired_acceleration = desired[:, -position.shape[1] :]
@@ -147,18 +160,23 @@ def training_samples(
         input_noise=noise.ravel(),
         period_s=period_s,
         bandwidth_hz=cutoff_hz if filters(cutoff_hz, period_s) else 0.5 / period_s,
+        sliding=sliding[rows[kept]],
     )
 
 
-def _untouched_by_saturation(trial: TrialSignals, cutoff_hz: float, period_s: float) -> BoolArray:
+def _reach(periods: float, cutoff_hz: float, period_s: float) -> int:
+    """Return as ticks so many periods of the cutoff; at least the one that differences mix in."""
+    memory_s = periods / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
+    return max(1, math.ceil(memory_s / period_s))
+
+
+def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
     """Return which ticks of RUN to keep. Shape (number of ticks of RUN,).
 
     Raises:
         TrainingError: fewer than 50.
     """
     clipped: BoolArray = np.any(trial.saturated, axis=1)
-    memory_s = _MEMORY_PERIODS / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
-    reach = max(1, math.ceil(memory_s / period_s))
     touched = maximum_filter1d(clipped.astype(np.uint8), 2 * reach + 1, mode="constant") > 0
     kept: BoolArray = ~touched[trial.run]
     n_kept, n_clipped = np.count_nonzero(kept), np.count_nonzero(clipped & trial.run)

@@ -134,3 +134,15 @@ def test_arrays_that_are_no_calibration_are_refused(name: str, damaged: np.ndarr
     arrays = {"calibration_residual": np.ones(2), "calibration_scale": np.ones(2), name: damaged}
     with pytest.raises(ValueError, match="expected 2 numbers of at least 0"):
         Calibration.restored(arrays, 2)
+
+
+def test_errors_that_are_not_believed_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    error, leverage = rng.normal(size=(40, 1)), rng.uniform(0.1, 1.0, size=(40, 1))
+    trust = np.repeat([[1.0], [1e-9]], 20, axis=0)
+    some, all_of_half = (
+        Calibration.unknown(1).fitted(0.1 * error[:n], leverage[:n], t).tested(error[:n], leverage[:n], t)
+        for n, t in ((40, trust), (20, None))
+    )
+    np.testing.assert_allclose(some.residual_rad2, all_of_half.residual_rad2, rtol=1e-6)
+    np.testing.assert_allclose(some.scale_rad2, all_of_half.scale_rad2, rtol=1e-6)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.sample_memory import SampleMemory
+from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
 from tel_ros.core.learning.signals import TrainingSamples
 
 
@@ -143,7 +143,7 @@ def test_it_comes_back_from_its_arrays() -> None:
         np.testing.assert_array_equal(getattr(back, field.name), getattr(memory, field.name))
 
 
-@pytest.mark.parametrize("name", ["inputs", "targets_rad", "noise", "weight", "trial"])
+@pytest.mark.parametrize("name", ["inputs", "targets_rad", "noise", "weight", "trial", "trust"])
 @pytest.mark.parametrize("damage", ["shorter", "other joints", "nan"])
 def test_arrays_that_do_not_fit_together_are_refused(name: str, damage: str) -> None:
     arrays = of_trials(6, 4).arrays()
@@ -154,3 +154,35 @@ def test_arrays_that_do_not_fit_together_are_refused(name: str, damage: str) -> 
         array = array[1:] if damage == "shorter" else array[..., None]
     with pytest.raises(ValueError, match=r"memory_.* has shape .*; expected finite numbers of"):
         SampleMemory.restored(arrays | {f"memory_{name}": array}, 2)
+
+
+def half_trusted(n: int) -> SampleMemory:
+    return of_trial(0, n).trusted(np.linspace(0.1, 1.0, 2 * n).reshape(n, 2))
+
+
+def test_trust_goes_with_its_samples() -> None:
+    memory = half_trusted(6)
+    kept = memory.joined(of_trial(1, 3))[np.arange(9) % 2 == 0]
+    np.testing.assert_array_equal(kept.trust[:3], memory.trust[::2])
+    np.testing.assert_array_equal(kept.trust[3:], 1.0)
+    np.testing.assert_array_equal(SampleMemory.restored(memory.arrays(), 2).trust, memory.trust)
+    np.testing.assert_array_equal(memory.bounded(3).trust, memory.trust[::2])
+
+
+def test_a_file_without_trust_is_read_as_believed() -> None:
+    arrays = half_trusted(6).arrays()
+    del arrays["memory_trust"]
+    np.testing.assert_array_equal(SampleMemory.restored(arrays, 2).trust, np.ones((6, 2)))
+
+
+def test_the_thinning_is_that_of_the_memory() -> None:
+    pairs = samples(100, bandwidth_hz=15.0, period_s=0.002)
+    memory = SampleMemory.of_trial(pairs, pairs.actual, pairs.offset_rad, 0)
+    np.testing.assert_array_equal(memory.inputs, pairs.actual[:: thinning(pairs)])
+
+
+def test_errors_count_as_far_as_they_are_believed() -> None:
+    rng = np.random.default_rng(0)
+    error, trust = rng.normal(size=(50, 2)), rng.uniform(0.01, 1.0, size=(50, 2))
+    expected = np.sum(trust * error**2, axis=0) / np.sum(trust, axis=0)
+    np.testing.assert_allclose(np.mean(counted(error, trust) ** 2, axis=0), expected)
