@@ -3,10 +3,10 @@
     .venv/bin/python benchmarks/realtime.py
 
 Each of these is measured as it is and with the real-time options (docs/realtime.md). A row is one trial of
-``tel practice`` with ``sim.clock: realtime``; its figures are those that the controller wrote into the trial's
-bag. Behind each, in brackets, stands the same figure of two bare processes: one publishes joint states from
-an rclpy timer, the other answers each from a callback; nothing is computed or recorded. They get the same
-options. What the machine does to both is the same; the ratio is what is ours.
+``tel practice`` with ``sim.clock: realtime``; its figures are those that the controller wrote into the
+trial's bag. Behind each, in brackets, stands the same figure of two bare processes: one publishes joint
+states from an rclpy timer, the other answers each from a callback; nothing is computed or recorded. They get
+the same options. What the machine does to both is the same; the ratio is what is ours.
 """
 
 from __future__ import annotations
@@ -180,6 +180,7 @@ def product(config: Path, rate_hz: float, duration_s: float, priority: int, fold
         f"control.realtime_priority={priority}",
         f"control.lock_memory={str(priority > 0).lower()}",
         "control.corridor_rad=2.0",
+        "control.state_timeout_s=1.0",  # a gap is to be measured, not to end the trial
         "practice.trials=1",
         "practice.strategy=trajectory_extension",
         f"practice.first_duration_s={duration_s}",

@@ -72,8 +72,9 @@ class SimBridgeNode(Node):
             self._start_ns = 0
         else:
             apply_realtime_options(self, config.control)
-            self.pace = _RealTime(self._period_s, self._pass_periods)
+            # In this order: if anything comes between, states look older than they are, not from the future.
             self._start_ns = self.get_clock().now().nanoseconds
+            self.pace = _RealTime(self._period_s, self._pass_periods)
         self._publish()
 
     def stop(self) -> None:
