@@ -193,6 +193,8 @@ def product(config: Path, rate_hz: float, duration_s: float, priority: int, fold
     if not summary.is_file():
         sys.exit(f"tel practice ended with code {done.returncode}: {done.stderr}")
     (trial,) = json.loads(summary.read_text())["trials"]
+    if trial["timing"] is None:
+        sys.exit(f"the trial was {trial['outcome']} before two states were answered: {trial['message']}")
     if trial["outcome"] != "completed":
         print(f"the trial was {trial['outcome']}: {trial['message']}", file=sys.stderr)
     for line in (folder / "log" / "ep_controller.log").read_text().splitlines():

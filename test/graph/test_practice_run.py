@@ -80,6 +80,7 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
             assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
 
 
+@pytest.mark.timeout(300)
 def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
     wanted = ("sim.clock=realtime", "practice.trials=1", "control.corridor_rad=2.0", *three_s, *PATIENT)
@@ -100,7 +101,7 @@ def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     assert row["ticks"] + trial.timing.missed_ticks == periods
     assert 0.0 < trial.timing.response_p99_s <= trial.timing.response_max_s
     moved_s = (trial.time_ns[trial.run][-1] - trial.time_ns[trial.run][0]) * 1e-9
-    assert moved_s == pytest.approx(3.0, abs=0.05)
+    assert moved_s == pytest.approx(3.0, abs=0.05 + trial.timing.jitter_max_s)
 
 
 @pytest.mark.parametrize("victim", NODES)
