@@ -172,8 +172,8 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
             process.kill()
 
 
-def product(config: Path, rate_hz: float, duration_s: float, priority: int, folder: Path) -> Figures:
-    """Return the figures of one trial of a practice run."""
+def product(config: Path, rate_hz: float, duration_s: float, priority: int, folder: Path) -> Figures | None:
+    """Return the figures of one trial of a practice run; None if the run failed before it had any."""
     overrides = [
         "sim.clock=realtime",
         f"control.rate_hz={rate_hz}",
@@ -192,9 +192,11 @@ def product(config: Path, rate_hz: float, duration_s: float, priority: int, fold
     summary = folder / "summary.json"
     if not summary.is_file():
         sys.exit(f"tel practice ended with code {done.returncode}: {done.stderr}")
-    (trial,) = json.loads(summary.read_text())["trials"]
-    if trial["timing"] is None:
-        sys.exit(f"the trial was {trial['outcome']} before two states were answered: {trial['message']}")
+    found = json.loads(summary.read_text())
+    if not found["trials"] or found["trials"][0]["timing"] is None:
+        print(f"no trial was measured: {found['outcome']}: {found['message']}", file=sys.stderr)
+        return None
+    trial = found["trials"][0]
     if trial["outcome"] != "completed":
         print(f"the trial was {trial['outcome']}: {trial['message']}", file=sys.stderr)
     for line in (folder / "log" / "ep_controller.log").read_text().splitlines():
@@ -244,7 +246,7 @@ def load(busy: bool) -> Iterator[None]:
         process.wait()
 
 
-def table(rows: list[tuple[str, Figures, Figures]]) -> str:
+def table(rows: list[tuple[str, Figures | None, Figures]]) -> str:
     """Return the measurements as a Markdown table, with the bare pair's figures in brackets."""
     lines = [
         "| loop | rate Hz | jitter p50 ms | p99 ms | max ms | answered in time % | missed ticks "
@@ -254,8 +256,10 @@ def table(rows: list[tuple[str, Figures, Figures]]) -> str:
     return "\n".join([*lines, *(row(*each) for each in rows)])
 
 
-def row(name: str, ours: Figures, bare: Figures) -> str:
+def row(name: str, ours: Figures | None, bare: Figures) -> str:
     """Return one row of the table."""
+    if ours is None:
+        return f"| {name} | {'failed | ' * (len(_COLUMNS) + 1)}".rstrip()
     cells = [
         f"{getattr(ours, key):.{digits}f} ({getattr(bare, key):.{digits}f})"
         for key, digits in _COLUMNS.items()
