@@ -4,30 +4,36 @@ from __future__ import annotations
 
 import time
 from array import array
+from collections.abc import Callable
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from sim_bridge.arm import CommandError, SimulatedArm
+from sim_bridge.pacing import Due, Pacer
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
 REPEAT_PERIOD_S = 0.05
 REST_SPEED_RAD_S = 0.05
 STOP_SILENCE_S = 0.3
+LONGEST_STALL_S = 2.0
+NOTEWORTHY_STALL_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
 
 
 class SimBridgeNode(Node):
     """Publishes joint states and takes effort commands.
 
-    ``realtime``: one period passes for every period of the wall clock, with the newest command.
+    ``realtime``: one period passes for every period of the wall clock, with the newest command. Periods that
+    have gone by while the computer stood still pass at once, and one state tells where the arm is then.
 
     ``lockstep``: one period passes for every command that answers the newest state; the state is repeated
     until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
@@ -43,7 +49,6 @@ class SimBridgeNode(Node):
         self._lockstep = config.sim.clock == "lockstep"
         self._period_s = 1.0 / config.control.rate_hz
         self._arm = SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed)
-        self._start_ns = 0 if self._lockstep else self.get_clock().now().nanoseconds
         self._message = JointState(name=list(config.arm.joints))
         self._command: array[float] | None = None
         self._silent_periods = 0
@@ -58,15 +63,18 @@ class SimBridgeNode(Node):
             topics.EFFORT_COMMANDS,
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
-            callback_group=BusyGroup() if self._lockstep else None,
+            callback_group=BusyGroup(),
         )
-        # In real time the period is kept by a timer, which is the executor's business.
-        self.busy_subscriptions = [commands] if self._lockstep else []
+        self.busy_subscriptions = [commands]
         if self._lockstep:
             self.create_timer(REPEAT_PERIOD_S, self._repeat)
             self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
+            self._start_ns = 0
         else:
-            self.create_timer(self._period_s, self._pass_period)
+            apply_realtime_options(self, config.control)
+            # In this order: if anything comes between, states look older than they are, not from the future.
+            self._start_ns = self.get_clock().now().nanoseconds
+            self.pace = _RealTime(self._period_s, self._pass_periods)
         self._publish()
 
     def stop(self) -> None:
@@ -113,18 +121,31 @@ class SimBridgeNode(Node):
         self._command, self._silent_periods = message.data, 0
         self._commanded_at = time.monotonic()
 
+    def _pass_periods(self, due: Due) -> None:
+        commanded = self._command is not None
+        for _ in range(due.periods):
+            self._pass_period()
+        late_s = (due.periods - 1) * self._period_s + due.skipped_s
+        if commanded and late_s >= NOTEWORTHY_STALL_S:
+            self.get_logger().warning(
+                f"the simulation stood still for {late_s:.3f} s; the arm has moved on meanwhile"
+                + (f", but for {due.skipped_s:.3f} s of it" if due.skipped_s else ""),
+                throttle_duration_sec=COMPLAINT_PERIOD_S,
+            )
+        self._start_ns += round(due.skipped_s * NS_PER_S)
+        self._publish()
+
     def _pass_period(self) -> None:
         if self._command is None:
             self._arm.coast()
-        else:
-            self._silent_periods += 1
-            if self._silent_periods >= self._watchdog_periods:
-                self._fall_silent(self._sim.watchdog_s)
-                self._command = None
-                self._arm.coast()
-            elif not self._step(self._command):
-                self._arm.coast()
-        self._publish()
+            return
+        self._silent_periods += 1
+        if self._silent_periods >= self._watchdog_periods:
+            self._fall_silent(self._sim.watchdog_s)
+            self._command = None
+            self._arm.coast()
+        elif not self._step(self._command):
+            self._arm.coast()
 
     # In lockstep.
 
@@ -159,6 +180,25 @@ class SimBridgeNode(Node):
             self.get_logger().info("the arm has come to rest")
             self._coasting = False
             self._coast_timer.cancel()
+
+
+class _RealTime:
+    """Lets the periods of the arm pass when they are due."""
+
+    def __init__(self, period_s: float, pass_periods: Callable[[Due], None]) -> None:
+        self._pacer = Pacer(period_s, time.monotonic(), LONGEST_STALL_S)
+        self._pass_periods = pass_periods
+
+    @property
+    def deadline_s(self) -> float:
+        """When the next period ends."""
+        return self._pacer.deadline_s
+
+    def keep(self) -> None:
+        """Let pass what is due."""
+        due = self._pacer.due(time.monotonic())
+        if due.periods:
+            self._pass_periods(due)
 
 
 def main() -> None:

@@ -149,6 +149,11 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
     if warned:  # the last one knows most
         text = f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}"
         _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
+    irregular = [trial for trial in summary["trials"] if trial["timing"] and trial["timing"]["warning"]]
+    if irregular:
+        text = f"note    {len(irregular)} of {len(summary['trials'])} trials had bad timing, the last one: "
+        text += f"trial {irregular[-1]['index']}: {irregular[-1]['timing']['warning']} (docs/realtime.md)"
+        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
     if summary["outcome"] == "completed" and summary["message"]:
         _OUT.print(f"result  {summary['message']}", highlight=False, soft_wrap=True)
     _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)

@@ -69,6 +69,10 @@ class ProgressView:
                 highlight=False,
                 soft_wrap=True,
             )
+            if result.timing_warning:
+                self._console.print(
+                    f"{trial}  {result.timing_warning}", highlight=False, soft_wrap=True, markup=False
+                )
 
     def _time_left(self) -> str:
         left_s = self._progress.tasks[0].time_remaining

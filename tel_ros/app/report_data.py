@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tel_ros.core.config import Config
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.types import FloatArray
@@ -18,6 +19,7 @@ from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
 from tel_ros.recording.trial_bag import RecordedTrial, check_bag, read_trial
+from tel_ros.recording.trial_timing import TIMING_FIELDS
 
 Item = TypeVar("Item")
 
@@ -46,6 +48,7 @@ class TrialSummary:
     warning: str = ""
     went_back_to: int | None = None
     expected_rms_rad: float = math.nan
+    timing: LoopTiming | None = None
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> TrialSummary:
@@ -76,6 +79,7 @@ class TrialSummary:
             warning=str(row.get("warning") or ""),
             went_back_to=row.get("went_back_to"),
             expected_rms_rad=_number(row.get("expected_rms_rad")),
+            timing=_timing(row.get("timing")),
         )
 
     @property
@@ -149,6 +153,11 @@ class RunData:
     def decides(self) -> bool:
         """Whether the strategy gave reasons for its trials."""
         return any(trial.reason for trial in self.trials)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the loop was measured in any trial: not in lockstep."""
+        return any(trial.timing is not None for trial in self.trials)
 
     @property
     def varies_speed_alone(self) -> bool:
@@ -247,6 +256,13 @@ def _complaint(folder: Path, error: BagError) -> str:
 def _unfinished(folder: Path) -> list[str]:
     bags = sorted(bag.name for bag in (folder / UNFINISHED).glob("*") if bag.is_dir())
     return [f"The recording {bag} was never finished; what there is lies in {UNFINISHED}." for bag in bags]
+
+
+def _timing(values: Mapping[str, Any] | None) -> LoopTiming | None:
+    if values is None:
+        return None
+    numbers = {name: _number(values[name]) for name in TIMING_FIELDS}
+    return LoopTiming(**numbers, missed_ticks=int(values["missed_ticks"]), warning=str(values["warning"]))
 
 
 def _number(value: Any) -> float:

@@ -316,6 +316,11 @@ class ControlConfig:
     max_stiffness_factor: float = 10.0
     """A trial with springs more than this many times as stiff or as damped as the arm's, or less than one in
     this many, is refused."""
+    realtime_priority: int = 0
+    """SCHED_FIFO priority of the controller (and of the simulated arm in real time), 1 to 98, where
+    permitted; 0: scheduled like any other program. No effect in lockstep."""
+    lock_memory: bool = False
+    """Keep the memory of the same nodes from being swapped out, where permitted. No effect in lockstep."""
 
     def __post_init__(self) -> None:
         _require_positive(
@@ -333,6 +338,12 @@ class ControlConfig:
             "max_stiffness_factor",
             self.max_stiffness_factor,
             "a finite factor of at least 1",
+        )
+        _require(
+            0 <= self.realtime_priority <= 98,  # 99 is for what the kernel itself cannot wait for
+            "realtime_priority",
+            self.realtime_priority,
+            "a whole number from 0 to 98",
         )
         _require(
             self.settle_time_s < self.settle_timeout_s < math.inf,

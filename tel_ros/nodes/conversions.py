@@ -20,6 +20,7 @@ from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording.trial_timing import recorded_timing, timing_fields
 
 
 def time_ns(stamp: Time | Duration) -> int:
@@ -291,6 +292,7 @@ def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult
         max_error_rad=report.max_error_rad,
         max_effort_nm=to_array(report.max_effort_nm),
         saturated_ratio=report.saturated_ratio,
+        **timing_fields(report.timing),
     )
 
 
@@ -311,6 +313,7 @@ def to_report(message: TrialResult) -> TrialReport:
         max_error_rad=message.max_error_rad,
         max_effort_nm=np.array(message.max_effort_nm),
         saturated_ratio=message.saturated_ratio,
+        timing=recorded_timing(message),
     )
 
 

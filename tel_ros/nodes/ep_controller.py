@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
@@ -15,6 +16,7 @@ from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialResult
 
 from tel_ros.core.control.controller import EpController
+from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.control.records import ArmState, Outcome, Tick
 from tel_ros.core.errors import StateError, TelError, TrajectoryError
 from tel_ros.nodes import qos
@@ -28,13 +30,17 @@ from tel_ros.nodes.conversions import (
 )
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
+from tel_ros.recording.trial_timing import timing_fields
 
 WATCHDOG_PERIOD_S = 0.02
 FEEDBACK_PERIOD_S = 0.2
 READY_PERIOD_S = 0.1
 COMPLAINT_PERIOD_S = 1.0
+TIMED_S = 60.0
+"""Trials up to this long are timed without asking for memory on the way."""
 
 
 class EpControllerNode(Node):
@@ -58,6 +64,13 @@ class EpControllerNode(Node):
         self._estimated: tuple[str, ...] = ()
         self._command = EffortCommand(len(self._joints))
         self._control_state = ControlStateFiller()
+        # Where the arm waits for commands, how fast they come says nothing about the trial.
+        self._timer = (
+            None
+            if config.arm_waits_for_commands
+            else LoopTimer(config.control.rate_hz, round(TIMED_S * config.control.rate_hz))
+        )
+        self._arrived_ns = 0
         self._goal_handle: ServerGoalHandle | None = None
         self._seen: ArmState | None = None
         self._answered_ns = -1
@@ -95,6 +108,8 @@ class EpControllerNode(Node):
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
         self.get_logger().info(f"waits for {topics.JOINT_STATES}")
+        if not config.arm_waits_for_commands:
+            apply_realtime_options(self, config.control)
 
     def stop(self) -> None:
         """Bring a moving arm to rest."""
@@ -113,6 +128,7 @@ class EpControllerNode(Node):
         super().destroy_node()
 
     def _on_joint_state(self, message: JointState) -> None:
+        self._arrived_ns = time.monotonic_ns()
         try:
             state = self._reader.read(message)
         except StateError as error:
@@ -152,6 +168,8 @@ class EpControllerNode(Node):
     def _publish(self, trial: int, state: ArmState, tick: Tick) -> None:
         self._commanding, self._answered_ns = True, state.time_ns
         self._effort_pub.publish(self._command.fill(state.time_ns, tick.effort_nm))
+        if trial and self._timer is not None:
+            self._timer.add(state.time_ns, self._arrived_ns, time.monotonic_ns())
         self._state_pub.publish(self._control_state.fill(trial, state, tick))
 
     def _publish_zero(self) -> None:
@@ -192,10 +210,13 @@ class EpControllerNode(Node):
                 joint_names=list(self._joints),
                 rms_error_rad=float("nan"),
                 max_error_rad=float("nan"),
+                **timing_fields(None),
             )
             goal_handle.execute(lambda handle: self._end_goal(handle, refused))
             return
         self._goal_handle = goal_handle
+        if self._timer is not None:
+            self._timer.reset()
         self.get_logger().info(f"trial {goal.index}: {goal.desired.duration_s:.3f} s")
 
     def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
@@ -208,8 +229,12 @@ class EpControllerNode(Node):
         report, handle = self._controller.report, self._goal_handle
         if report is None or handle is None:
             return
+        if self._timer is not None:
+            report = replace(report, timing=self._timer.timing())
         if report.message:
             self.get_logger().warning(f"trial {report.index}: {report.outcome.name}: {report.message}")
+        if report.timing is not None and report.timing.warning:
+            self.get_logger().warning(f"trial {report.index}: {report.timing.warning}")
         self._goal_handle, self._result = None, to_result_message(report, self._joints)
         handle.execute()
 

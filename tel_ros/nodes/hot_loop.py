@@ -5,6 +5,10 @@ than a control tick does. Here the busy subscriptions have a wait set of their o
 everything else (timers, services, actions, parameters) gets its turn when no message has come for 20 ms, and
 every 50 ms in any case.
 
+A node may also have a :class:`Pace`: something to do at times of its own that must be kept. The wait set
+waits until then, so a message is taken the moment it comes, and everything else gets its turn where there is
+time left.
+
 This uses rclpy's own building blocks (:data:`WaitSet`, ``take_message``), which are not documented. Where
 they are missing, or ``TEL_ROS_PLAIN_EXECUTOR`` is set, the executor does all the work: slower, with the same
 result.
@@ -15,6 +19,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
@@ -25,9 +30,21 @@ from rclpy.subscription import Subscription
 PLAIN_EXECUTOR_VARIABLE = "TEL_ROS_PLAIN_EXECUTOR"
 TURN_PERIOD_S = 0.05
 _IDLE_NS = 20_000_000
+_TURN_TAKES_S = 0.0005
 _MOST_AT_ONCE = 64
 
 WaitSet = getattr(rclpy_implementation, "WaitSet", None)
+
+
+class Pace(Protocol):
+    """Something that is due again and again."""
+
+    @property
+    def deadline_s(self) -> float:
+        """When it is due next, by ``time.monotonic``."""
+
+    def keep(self) -> None:
+        """Do it, if it is due."""
 
 
 def serves_itself() -> bool:
@@ -56,6 +73,7 @@ def spin_hot(
     subscriptions: Sequence[Subscription],
     done: Callable[[], bool],
     batch_s: float = 0.0,
+    pace: Pace | None = None,
 ) -> None:
     """Spin a node until ``done``.
 
@@ -65,10 +83,10 @@ def spin_hot(
         subscriptions: the busy ones, of a :class:`BusyGroup`; empty: the executor does all the work.
         done: looked at whenever something has happened, and fifty times a second.
         batch_s: how long to let messages gather before they are taken together.
+        pace: what has to be done in time.
     """
     if not subscriptions or not serves_itself():
-        while not done():
-            executor.spin_once()
+        _spin_plainly(executor, done, pace)
         return
     handles = [subscription.handle for subscription in subscriptions]
     with node.context.handle:
@@ -77,7 +95,7 @@ def spin_hot(
     while not done():
         wait_set.clear_entities()
         indices = [wait_set.add_subscription(handle) for handle in handles]
-        wait_set.wait(_IDLE_NS)
+        wait_set.wait(_IDLE_NS if pace is None else min(_IDLE_NS, round(_left_s(pace) * 1e9)))
         ready = [
             s for s, k in zip(subscriptions, indices, strict=True) if wait_set.is_ready("subscription", k)
         ]
@@ -85,9 +103,28 @@ def spin_hot(
             time.sleep(batch_s)
         for subscription in ready:
             _take(subscription)
-        if not ready or time.monotonic() >= next_turn:
+        if pace is not None:
+            pace.keep()
+        idle = not ready and pace is None
+        if idle or (time.monotonic() >= next_turn and _has_time(pace, next_turn)):
             _serve_the_rest(executor)
             next_turn = time.monotonic() + TURN_PERIOD_S
+
+
+def _spin_plainly(executor: SingleThreadedExecutor, done: Callable[[], bool], pace: Pace | None) -> None:
+    while not done():
+        executor.spin_once(None if pace is None else _left_s(pace))
+        if pace is not None:
+            pace.keep()
+
+
+def _left_s(pace: Pace) -> float:
+    return max(0.0, pace.deadline_s - time.monotonic())
+
+
+def _has_time(pace: Pace | None, since_s: float) -> bool:
+    """Return whether the rest may have its turn without making the pace late, or has waited too long."""
+    return pace is None or _left_s(pace) >= _TURN_TAKES_S or time.monotonic() - since_s > TURN_PERIOD_S
 
 
 def _take(subscription: Subscription) -> None:

@@ -40,7 +40,7 @@ def run_node(
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
-    A node may have ``busy_subscriptions``, and ``batch_s`` for them (see :func:`spin_hot`).
+    A node may have ``busy_subscriptions``, ``batch_s`` for them, and a ``pace`` (see :func:`spin_hot`).
 
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
     command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 3 s at most.
@@ -68,13 +68,14 @@ def run_node(
         # What exists by now stays: looking through it again and again would hold the loop up.
         gc.freeze()
         busy, batch_s = getattr(node, "busy_subscriptions", ()), getattr(node, "batch_s", 0.0)
-        spin_hot(node, executor, busy, lambda: bool(stopping), batch_s)
+        pace = getattr(node, "pace", None)
+        spin_hot(node, executor, busy, lambda: bool(stopping), batch_s, pace)
         if hasattr(node, "stop"):
             node.stop()
             end = stopping[0] + _LONGEST_STOP_S
-            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end, batch_s)
+            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end, batch_s, pace)
             end = time.monotonic() + _LAST_WORDS_S
-            spin_hot(node, executor, busy, lambda: time.monotonic() > end, batch_s)
+            spin_hot(node, executor, busy, lambda: time.monotonic() > end, batch_s, pace)
         executor.shutdown(timeout_sec=1.0)
     except KeyboardInterrupt:
         pass

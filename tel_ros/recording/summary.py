@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,8 @@ class TrialRow:
             "training_rms_after_rad": self.training_rms_after_rad,
             "grown": self.grown,
             "warning": self.warning,
+            # None in lockstep: equal runs have equal summaries.
+            "timing": None if report.timing is None else asdict(report.timing),
             "outcome": report.outcome.name.lower(),
             "message": report.message,
             "bag": self.bag,

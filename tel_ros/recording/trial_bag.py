@@ -13,6 +13,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from tel_ros.core.config import Config
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.errors import BagError, TelError
@@ -22,6 +23,7 @@ from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, sha256
 from tel_ros.recording.config_file import config_from
+from tel_ros.recording.trial_timing import recorded_timing
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class RecordedTrial:
             (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
             nothing, or if the bag does not tell.
         springs: those of the trial, if they were not the configured ones.
+        timing: how regular the control loop was; None if it was not measured.
     """
 
     bag: Path
@@ -67,6 +70,7 @@ class RecordedTrial:
     saturated: BoolArray
     command_std_rad: FloatArray
     springs: SpringChange | None = None
+    timing: LoopTiming | None = None
 
     @property
     def run(self) -> BoolArray:
@@ -192,6 +196,7 @@ def _trial(
         saturated=column("saturated").astype(bool),
         command_std_rad=_command_std(bag, goals[0], int(np.count_nonzero(phase == Phase.RUN))),
         springs=_springs(bag, metadata, goals[0], tuple(result.joint_names)),
+        timing=recorded_timing(result),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 import sim_bridge
 from tel_ros.core.config import ArmConfig, Config, PathConfig, PracticeConfig
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Outcome, Phase, TrialReport
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.types import NS_PER_S
@@ -20,6 +21,7 @@ from tel_ros.recording.bag_writer import TrialBagWriter
 from tel_ros.recording.message_types import typestore
 from tel_ros.recording.run_folder import create_run_folder, trial_bag
 from tel_ros.recording.summary import RunSummary, TrialRow
+from tel_ros.recording.trial_timing import timing_fields
 
 URDF = Path(sim_bridge.__file__).parent / "urdf" / "planar_arm.urdf"
 JOINTS = ("shoulder", "elbow")
@@ -41,6 +43,7 @@ class Trial:
     message: str = ""
     reached_run: bool = True
     saturated: bool = False
+    timing: LoopTiming | None = None
     std_rad: tuple[float, ...] = ()
     """What the network expected of its command: one value a point of the goal, for both joints alike."""
     grown: list[str] = field(default_factory=lambda: ["shoulder: subtree 1 under Gaussian 2", "a new root"])
@@ -112,6 +115,7 @@ def write_bag(bag: Path, trial: Trial) -> TrialReport:
             max_error_rad=report.max_error_rad,
             max_effort_nm=report.max_effort_nm,
             saturated_ratio=report.saturated_ratio,
+            **timing_fields(report.timing),
         )
         writer.write(topics.TRIAL_RESULT, len(phases) * period_ns, serialise(result, kind))
     return report
@@ -155,6 +159,7 @@ def report_of(trial: Trial, ticks: int) -> TrialReport:
         max_error_rad=2.0 * error_rad if trial.reached_run else 0.0,
         max_effort_nm=np.array([8.0, 1.0]),
         saturated_ratio=0.01 if trial.saturated else 0.0,
+        timing=trial.timing,
     )
 
 

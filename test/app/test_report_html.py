@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from made_up_run import MakeRun, Trial, trials
 
 from tel_ros.app.report import write_report
 from tel_ros.app.report_data import read_run
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import InputFileError, TelError
 
@@ -204,3 +206,20 @@ def test_a_missing_library_is_named_with_what_to_install(
     monkeypatch.setattr(builtins, "__import__", import_without)
     with pytest.raises(TelError, match=rf"needs {library}.*pip install 'tel_ros\[report\]'"):
         write_report(folder)
+
+
+def test_the_loop_is_reported_trial_by_trial_where_it_was_measured(make_run: MakeRun) -> None:
+    timing = LoopTiming(
+        state_rate_hz=497.25,
+        stamp_rate_hz=500.0,
+        jitter_p50_s=1.2e-5,
+        jitter_p99_s=1.234e-3,
+        jitter_max_s=9.876e-3,
+        response_p99_s=4.56e-4,
+        response_max_s=7.89e-4,
+        missed_ticks=17,
+        warning="the loop was not regular: 17 of 900 ticks were missed",
+    )
+    page = Page(write_report(make_run([Trial(1), replace(Trial(2), timing=timing)])))
+    assert "timing" in {attrs.get("id") for tag, attrs in page.tags if tag == "section"}
+    assert "2 497.2 500.0 0.012 1.234 9.876 0.456 0.789 17 the loop was not regular: 17 of 900" in page.text

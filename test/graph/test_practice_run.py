@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import time
@@ -23,6 +24,8 @@ from tel_ros.recording.trial_bag import read_trial
 Tel = Callable[..., TelProcess]
 pytestmark = pytest.mark.timeout(150)
 
+STOOD_STILL_S = 0.05
+PERIOD_NS = 2_000_000
 NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager"]
 
 
@@ -53,7 +56,9 @@ def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel
     # One trial teaches enough to more than halve the error, although the next trial is faster.
     assert rows[1]["rms_error_rad"] < 0.5 * rows[0]["rms_error_rad"]
     for row in rows:
+        assert row["timing"] is None  # in lockstep how long a tick took says nothing
         trial = read_trial(run.folder / row["bag"])
+        assert trial.timing is None
         error = trial.position_rad[trial.run] - trial.desired[trial.run, :2]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row["rms_error_rad"], rel=1e-9)
         assert len(trial.time_ns) == row["ticks"]
@@ -75,16 +80,28 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
             assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
 
 
+@pytest.mark.timeout(300)
 def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
-    run = tel("sim.clock=realtime", "practice.trials=1", "control.corridor_rad=2.0", *three_s, *PATIENT)
-    code, out, err = run.finish()
+    wanted = ("sim.clock=realtime", "practice.trials=1", "control.corridor_rad=2.0", *three_s, *PATIENT)
+    for attempt in range(3):
+        run = tel(*wanted, name=f"attempt_{attempt}")
+        code, out, err = run.finish()
+        row = summary_of(out)["trials"][0]
+        # The arm does not wait for a machine that stands still, and may be anywhere afterwards.
+        if row["outcome"] == "completed" or row["timing"]["jitter_max_s"] < STOOD_STILL_S:
+            break
     assert code == 0, err
-    row = summary_of(out)["trials"][0]
     assert row["outcome"] == "completed"
     trial = read_trial(run.folder / row["bag"])
+    assert trial.timing is not None
+    assert row["timing"] == dataclasses.asdict(trial.timing)
+    # As many periods as the stamps say have gone by, answered or missed, and no more arrived than there were.
+    periods = round((trial.time_ns[-1] - trial.time_ns[0]) / PERIOD_NS) + 1
+    assert row["ticks"] + trial.timing.missed_ticks == periods
+    assert 0.0 < trial.timing.response_p99_s <= trial.timing.response_max_s
     moved_s = (trial.time_ns[trial.run][-1] - trial.time_ns[trial.run][0]) * 1e-9
-    assert moved_s == pytest.approx(3.0, abs=0.05)
+    assert moved_s == pytest.approx(3.0, abs=0.05 + trial.timing.jitter_max_s)
 
 
 @pytest.mark.parametrize("victim", NODES)

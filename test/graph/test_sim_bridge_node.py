@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -39,14 +41,19 @@ def connected(graph: StartGraph, *overrides: str):  # noqa: ANN201
 def test_in_real_time_the_effort_goes_to_zero_within_100_ms_of_silence(graph: StartGraph) -> None:
     running, states, pub = connected(graph, "sim.clock=realtime")
 
+    pushed_nm: list[float] = []
+
     def push() -> bool:
-        pub.publish(command([1.0, 0.5]))
-        return list(states[-1].effort) == [1.0, 0.5]
+        pushed_nm.append(1.0 + len(pushed_nm) / 1024.0)  # each to be told from the others
+        pub.publish(command([pushed_nm[-1], 0.5]))
+        return states[-1].effort[0] > 0.0
 
     running.spin_until(push, 10.0, "the commanded effort")
-    pub.publish(command([2.0, 0.5]))  # the last one, to be told from the others
     running.spin_until(lambda: list(states[-1].effort) == [0.0, 0.0], 10.0, "zero effort")
-    with_last = [time_ns(s.header.stamp) for s in states if list(s.effort) == [2.0, 0.5]]
+    # The last one that acted: after a stall of this machine that need not be the last one sent.
+    last_nm = max(s.effort[0] for s in states)
+    with_last = [time_ns(s.header.stamp) for s in states if s.effort[0] == last_nm]
+    assert last_nm in pushed_nm
     assert 0 < with_last[-1] - (with_last[0] - PERIOD_NS) <= 100_000_000
     assert "no effort command for 0.100 s: effort is zero" in running.log("sim_bridge")
 
@@ -89,3 +96,20 @@ def test_a_command_that_cannot_be_used_moves_nothing(graph: StartGraph) -> None:
     assert {tuple(s.effort) for s in states} == {(0.0, 0.0)}
     assert {tuple(s.position) for s in states} == {tuple(states[0].position)}
     running.spin_until(lambda: "expected 2 finite numbers" in running.log("sim_bridge"), 5.0, "a complaint")
+
+
+def test_in_real_time_the_arms_time_is_that_on_the_wall_after_a_stall_as_well(graph: StartGraph) -> None:
+    running, states, _ = connected(graph, "sim.clock=realtime")
+    running.signal("sim_bridge", signal.SIGSTOP)
+    stopped_ns = time.time_ns()
+    time.sleep(0.3)
+    running.signal("sim_bridge", signal.SIGCONT)
+    running.spin_until(
+        lambda: time_ns(states[-1].header.stamp) > stopped_ns + 290_000_000, 10.0, "the present"
+    )
+    stamps_ns = np.array([time_ns(state.header.stamp) for state in states])
+    # One state stands for the whole stall: what lies between is not published in a burst.
+    assert np.diff(stamps_ns).max() >= 280_000_000
+    assert set((np.diff(stamps_ns) % PERIOD_NS).tolist()) == {0}
+    # A state may come late, but none comes from the future.
+    assert stamps_ns[-1] <= time.time_ns()

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Phase
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
 from tel_ros.recording.message_types import typestore
+from tel_ros.recording.trial_timing import timing_fields
 
 JOINTS = ("shoulder", "elbow")
 PERIOD_NS = 2_000_000
@@ -38,6 +40,8 @@ class SyntheticTrial:
     """What the goal says of the network's error; None: nothing."""
     springs: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
     """K and B of the goal; empty: as configured."""
+    timing: LoopTiming | None = None
+    """How regular the loop was; None: not measured."""
     n_points: int | None = None
     """Points of the goal; None: as many as ticks."""
 
@@ -141,6 +145,7 @@ class SyntheticTrial:
             max_error_rad=0.3,
             max_effort_nm=np.array([4.0, 2.0]),
             saturated_ratio=0.0,
+            **timing_fields(self.timing),
         )
 
     def _header(self, k: int) -> Any:

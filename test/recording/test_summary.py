@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tel_ros.core.config import Config
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.recording.config_file import to_plain
@@ -113,3 +115,24 @@ def test_a_run_that_failed_before_its_first_trial_has_a_summary(summary: RunSumm
     summary.end("failed", "the arm is not there")
     found = read_summary(tmp_path / "monday")
     assert (found["outcome"], found["trials"]) == ("failed", [])
+
+
+def test_the_loops_figures_stand_in_the_summary_only_where_they_were_measured(
+    summary: RunSummary, tmp_path: Path
+) -> None:
+    timing = LoopTiming(
+        state_rate_hz=499.5,
+        stamp_rate_hz=float("nan"),
+        jitter_p50_s=1e-5,
+        jitter_p99_s=2e-4,
+        jitter_max_s=3e-3,
+        response_p99_s=4e-4,
+        response_max_s=5e-4,
+        missed_ticks=2,
+        warning="a state was late",
+    )
+    summary.add(TrialRow(plan(1), report(1), "trial_001", 3.5))
+    summary.add(TrialRow(plan(2), replace(report(2), timing=timing), "trial_002", 3.5))
+    first, second = (trial["timing"] for trial in read_summary(tmp_path / "monday")["trials"])
+    assert first is None
+    assert second == {**asdict(timing), "stamp_rate_hz": None}

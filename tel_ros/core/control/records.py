@@ -7,6 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
@@ -111,6 +112,8 @@ class TrialReport:
     max_error_rad: float
     max_effort_nm: FloatArray
     saturated_ratio: float
+    timing: LoopTiming | None = None
+    """How regular the loop was; None: not measured, as in lockstep."""
 
 
 def require_joint_count(goal: TrialGoal, n_joints: int) -> None:

@@ -1,0 +1,301 @@
+"""How regular the loop is in real time: at 500 Hz and 1 kHz, idle and beside a busy core.
+
+    .venv/bin/python benchmarks/realtime.py
+
+Each of these is measured as it is and with the real-time options (docs/realtime.md). A row is one trial of
+``tel practice`` with ``sim.clock: realtime``; its figures are those that the controller wrote into the
+trial's bag. Behind each, in brackets, stands the same figure of two bare processes: one publishes joint
+states from an rclpy timer, the other answers each from a callback; nothing is computed or recorded. They get
+the same options. What the machine does to both is the same; the ratio is what is ours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from multiprocessing.queues import Queue
+from pathlib import Path
+
+from rosbags.highlevel import AnyReader
+
+from tel_ros.core.control.loop_timing import LoopTimer
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording import topics
+from tel_ros.recording.trial_bag import read_trial
+
+ROOT = Path(__file__).parents[1]
+PRIORITY = 50
+_COLUMNS = {
+    "rate_hz": 1,
+    "jitter_p50_ms": 3,
+    "jitter_p99_ms": 3,
+    "jitter_max_ms": 2,
+    "in_time_percent": 2,
+    "missed": 0,
+}
+"""Figures that are shown, with their decimals."""
+SPAWN = multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one loop did; times in ms."""
+
+    rate_hz: float
+    jitter_p50_ms: float
+    jitter_p99_ms: float
+    jitter_max_ms: float
+    in_time_percent: float
+    missed: int
+
+    @classmethod
+    def of(cls, timing: dict[str, float], in_time: float) -> Figures:
+        """Return the figures of a loop.
+
+        Args:
+            timing: a ``LoopTiming`` as a dictionary.
+            in_time: share of the states that were answered before the next period ended.
+        """
+        jitter_ms = [1e3 * timing[f"jitter_{which}_s"] for which in ("p50", "p99", "max")]
+        return cls(timing["state_rate_hz"], *jitter_ms, 100.0 * in_time, int(timing["missed_ticks"]))
+
+
+def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue) -> None:
+    """Publish joint states from a timer; put the share of those that were answered within the period."""
+    import rclpy
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray
+
+    rclpy.init()
+    node = rclpy.create_node("bare_arm")
+    message = JointState(name=["shoulder", "elbow"], position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+    pub = node.create_publisher(JointState, "bare_state", 1)
+    answered = published = in_time = 0
+    first_s = 0.0
+
+    def on_command(command: Float64MultiArray) -> None:
+        nonlocal answered
+        answered = int(command.layout.dim[0].label)
+
+    def on_period() -> None:
+        nonlocal published, in_time, first_s
+        if not answered:  # until the two have found each other
+            first_s = time.monotonic()
+        stamp_ns = (1 + round((time.monotonic() - first_s) * rate_hz)) * round(NS_PER_S / rate_hz)
+        stamp = message.header.stamp
+        if answered:
+            published += 1
+            in_time += answered == stamp.sec * NS_PER_S + stamp.nanosec
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+        pub.publish(message)
+
+    node.create_subscription(Float64MultiArray, "bare_command", on_command, 1)
+    node.create_timer(1.0 / rate_hz, on_period)
+    _apply(priority)
+    end_s = time.monotonic() + 60.0
+    while time.monotonic() < (first_s + duration_s if answered else end_s):
+        rclpy.spin_once(node, timeout_sec=0.1)
+    results.put(in_time / max(published, 1))
+    rclpy.try_shutdown()
+
+
+def bare_controller(rate_hz: float, duration_s: float, priority: int, results: Queue) -> None:
+    """Answer each joint state from a callback; put the figures of the loop."""
+    import rclpy
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+    rclpy.init()
+    node = rclpy.create_node("bare_controller")
+    pub = node.create_publisher(Float64MultiArray, "bare_command", 1)
+    answer = Float64MultiArray(data=[0.0, 0.0])
+    answer.layout.dim = [MultiArrayDimension()]
+    timer = LoopTimer(rate_hz, round(2 * duration_s * rate_hz))
+    first_ns = 0
+
+    def on_state(state: JointState) -> None:
+        nonlocal first_ns
+        arrived_ns = time.monotonic_ns()
+        stamp_ns = state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec
+        answer.layout.dim[0].label = str(stamp_ns)
+        pub.publish(answer)
+        first_ns = first_ns or arrived_ns
+        if arrived_ns - first_ns > NS_PER_S:  # the stamps count from when both know each other
+            timer.add(stamp_ns, arrived_ns, time.monotonic_ns())
+
+    node.create_subscription(JointState, "bare_state", on_state, 1)
+    _apply(priority)
+    end_s = time.monotonic() + 60.0
+    # A little less than the arm's, so that the end of the arm is no part of it.
+    while time.monotonic() < (first_ns / NS_PER_S + duration_s - 0.2 if first_ns else end_s):
+        rclpy.spin_once(node, timeout_sec=0.1)
+    timing = timer.timing()
+    if timing is None:
+        sys.exit("the bare pair has not exchanged anything")
+    results.put(asdict(timing))
+    rclpy.try_shutdown()
+
+
+def _apply(priority: int) -> None:
+    from tel_ros.nodes.realtime import lock_memory, set_priority
+
+    for outcome in (set_priority(priority), lock_memory(priority > 0)):
+        if outcome is not None and not outcome.applied:
+            print(f"bare pair: {outcome.text}", file=sys.stderr)
+
+
+def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
+    """Return the figures of two bare processes."""
+    parts = []
+    for target in (bare_controller, bare_arm):
+        results = SPAWN.Queue()
+        process = SPAWN.Process(
+            target=target, args=(rate_hz, duration_s + 1.0, priority, results), daemon=True
+        )
+        process.start()
+        parts.append((process, results))
+    (controller, timing), (arm, in_time) = parts
+    try:
+        return Figures.of(timing.get(timeout=90.0), in_time.get(timeout=90.0))
+    finally:
+        for process in (controller, arm):
+            process.join(10.0)
+            process.kill()
+
+
+def product(config: Path, rate_hz: float, duration_s: float, priority: int, folder: Path) -> Figures | None:
+    """Return the figures of one trial of a practice run; None if the run failed before it had any."""
+    overrides = [
+        "sim.clock=realtime",
+        f"control.rate_hz={rate_hz}",
+        f"control.realtime_priority={priority}",
+        f"control.lock_memory={str(priority > 0).lower()}",
+        "control.corridor_rad=2.0",
+        "control.state_timeout_s=1.0",  # a gap is to be measured, not to end the trial
+        "practice.trials=1",
+        "practice.strategy=trajectory_extension",
+        f"practice.first_duration_s={duration_s}",
+        f"practice.goal_duration_s={duration_s}",
+    ]
+    command = [sys.executable, "-m", "tel_ros.app.cli", "practice", str(config), "--out", str(folder)]
+    command += ["--no-report", "--json", *(part for value in overrides for part in ("--set", value))]
+    done = subprocess.run(command, capture_output=True, text=True)
+    summary = folder / "summary.json"
+    if not summary.is_file():
+        sys.exit(f"tel practice ended with code {done.returncode}: {done.stderr}")
+    found = json.loads(summary.read_text())
+    if not found["trials"] or found["trials"][0]["timing"] is None:
+        print(f"no trial was measured: {found['outcome']}: {found['message']}", file=sys.stderr)
+        return None
+    trial = found["trials"][0]
+    if trial["outcome"] != "completed":
+        print(f"the trial was {trial['outcome']}: {trial['message']}", file=sys.stderr)
+    for line in (folder / "log" / "ep_controller.log").read_text().splitlines():
+        if "refused" in line:
+            print(line, file=sys.stderr)
+    return Figures.of(trial["timing"], in_time(folder / trial["bag"], rate_hz))
+
+
+def in_time(bag: Path, rate_hz: float) -> float:
+    """Return the share of the states of RUN whose answer acted in the very next period.
+
+    The next state tells the effort that acted until its stamp: it is the answer's, or that of an earlier one.
+    """
+    trial = read_trial(bag)
+    run_ns = set(trial.time_ns[trial.run].tolist())
+    answers: dict[int, list[float]] = {}
+    states: list[tuple[int, list[float]]] = []
+    with AnyReader([bag]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            if connection.topic == topics.EFFORT_COMMANDS:
+                answers[int(message.layout.dim[0].label)] = message.data.tolist()
+            elif connection.topic == topics.JOINT_STATES:
+                stamp = message.header.stamp
+                states.append((stamp.sec * NS_PER_S + stamp.nanosec, message.effort.tolist()))
+    states.sort()
+    asked = found = 0
+    for (stamp_ns, _), (next_ns, effort) in zip(states, states[1:], strict=False):
+        if run_ns and min(run_ns) <= stamp_ns <= max(run_ns):
+            asked += 1
+            follows = (next_ns - stamp_ns) * rate_hz < 1.5 * NS_PER_S
+            found += follows and answers.get(stamp_ns) == effort
+    return found / max(asked, 1)
+
+
+@contextlib.contextmanager
+def load(busy: bool) -> Iterator[None]:
+    """Keep one core busy meanwhile, or none."""
+    if not busy:
+        yield
+        return
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def table(rows: list[tuple[str, Figures | None, Figures]]) -> str:
+    """Return the measurements as a Markdown table, with the bare pair's figures in brackets."""
+    lines = [
+        "| loop | rate Hz | jitter p50 ms | p99 ms | max ms | answered in time % | missed ticks "
+        "| p99, times the bare pair's |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    return "\n".join([*lines, *(row(*each) for each in rows)])
+
+
+def row(name: str, ours: Figures | None, bare: Figures) -> str:
+    """Return one row of the table."""
+    if ours is None:
+        return f"| {name} | {'failed | ' * (len(_COLUMNS) + 1)}".rstrip()
+    cells = [
+        f"{getattr(ours, key):.{digits}f} ({getattr(bare, key):.{digits}f})"
+        for key, digits in _COLUMNS.items()
+    ]
+    return f"| {name} | {' | '.join(cells)} | {ours.jitter_p99_ms / bare.jitter_p99_ms:.2f} |"
+
+
+def main() -> None:
+    """Measure everything and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", type=Path, default=ROOT / "config" / "paper.yaml")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of movement in each row")
+    parser.add_argument("--rates", type=float, nargs="+", default=[500.0, 1000.0], metavar="HZ")
+    options = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    load_1min = os.getloadavg()[0]
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for rate_hz in options.rates:
+            for busy in (False, True):
+                for priority in (0, PRIORITY):
+                    how = f"{'busy' if busy else 'idle'}, {'options' if priority else 'plain'}"
+                    name = f"{rate_hz:.0f} Hz, {how}"
+                    run = Path(folder) / f"run_{len(rows)}"
+                    with load(busy):
+                        ours = product(options.config, rate_hz, options.seconds, priority, run)
+                        bare = bare_pair(rate_hz, options.seconds, priority)
+                    rows.append((name, ours, bare))
+                    print(row(*rows[-1]), file=sys.stderr)
+    print(table(rows))
+    cores = (
+        f"{os.cpu_count()} cores, load average {load_1min:.1f} before it began, kernel {os.uname().release}"
+    )
+    print(f"\nIn brackets: the bare pair. {cores}.")
+    print(f"Busy: one process that computes without pause. Options: SCHED_FIFO {PRIORITY}, locked memory.")
+
+
+if __name__ == "__main__":
+    main()
