@@ -47,9 +47,9 @@ class EpControllerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("ep_controller")
-        config = load_parameters(self, "arm", "control", "run", "sim")
+        config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         self._joints = config.arm.joints
-        self._controller = EpController(config.arm, config.control)
+        self._controller = EpController(config.arm, config.control, config.safety)
         self._answers_between_trials = not config.arm_waits_for_commands
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s

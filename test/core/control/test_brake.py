@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from two_link import TwoLinkArm
 
-from tel_ros.core.control.brake import OneWayBrake
+from tel_ros.core.control.brake import SpringBrake
 from tel_ros.core.control.ep_law import EpLaw
 
 DT_S = 0.002
-UNDAMPED = EpLaw(np.full(2, 15.0), np.zeros(2), np.full(2, 20.0))
-PAPER = EpLaw(np.full(2, 15.0), np.full(2, 1.5), np.full(2, 20.0))
+UNDAMPED = EpLaw(np.full(2, 15.0), np.zeros(2))
+PAPER = EpLaw(np.full(2, 15.0), np.full(2, 1.5))
 
 
 def brake(arm: TwoLinkArm, law: EpLaw, duration_s: float) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return position, velocity and effort at each tick of braking an arm."""
-    one_way = OneWayBrake(np.array(arm.q))
+    one_way = SpringBrake(np.array(arm.q), np.zeros(2))
     record = []
     for _ in range(round(duration_s / DT_S)):
         q, v = np.array(arm.q), np.array(arm.v)
-        effort, _ = law.effort(one_way.equilibrium(q, v), q, v)
+        effort = law.effort(one_way.equilibrium(q, v), q, v)
         record.append((q, v, effort))
         arm.step(effort, DT_S)
     return record
@@ -64,7 +64,7 @@ def test_a_spring_does_not_fling_a_joint_back() -> None:
 
 
 def test_each_joint_is_braked_on_its_own() -> None:
-    one_way = OneWayBrake(np.array([0.0, 0.0]))
+    one_way = SpringBrake(np.array([0.0, 0.0]), np.zeros(2))
     # The first joint has moved on in the direction of its motion: its spring pulls back, and stays.
     # The second moves towards its equilibrium point: it takes it along.
     one_way.equilibrium(np.array([0.1, 0.1]), np.array([1.0, 1.0]))
@@ -74,6 +74,6 @@ def test_each_joint_is_braked_on_its_own() -> None:
 
 def test_the_brake_does_not_follow_the_array_that_it_was_given() -> None:
     position = np.array([0.5, 0.5])
-    one_way = OneWayBrake(position)
+    one_way = SpringBrake(position, np.zeros(2))
     position += 1.0
     assert one_way.equilibrium(np.array([0.6, 0.6]), np.array([1.0, 1.0])).tolist() == [0.5, 0.5]
