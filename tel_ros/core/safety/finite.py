@@ -14,8 +14,7 @@ def require_finite(effort_nm: FloatArray, n_joints: int) -> None:
     Raises:
         EffortError: so it is. There is no permitted effort next to such a one.
     """
-    # A sum is finite only if all of its terms are, and costs less than isfinite and all.
-    if effort_nm.shape != (n_joints,) or not np.isfinite(effort_nm.sum()):
+    if effort_nm.shape != (n_joints,) or not np.isfinite(effort_nm).all():
         raise EffortError(
             f"the wanted effort is {effort_nm.tolist()} N·m; expected {n_joints} finite numbers"
         )
