@@ -58,7 +58,7 @@ class EpControllerNode(ManagedNode):
         )
         self._reader = JointStateReader(self._joints, config.control)
         self._estimated: tuple[str, ...] = ()
-        self._channel: EffortChannel  # from configure to cleanup
+        self._channel: EffortChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
         self._control_state = ControlStateFiller()
         self._seen: ArmState | None = None
@@ -124,6 +124,7 @@ class EpControllerNode(ManagedNode):
     def cleanup(self) -> None:
         """Take the publishers back."""
         self._channel.destroy()
+        self._channel = None
         self.destroy_publisher(self._state_pub)
 
     def shutdown(self) -> None:
@@ -131,10 +132,12 @@ class EpControllerNode(ManagedNode):
         self.stop()
 
     def give_up(self) -> None:
-        """Let go of the arm; nothing is known about what the failed transition has done."""
+        """Let go of the arm and begin anew; nothing is known about what the failed transition has done."""
         self._controller.lose_states("a transition of the node failed")
         self._trials.finish(self._controller.report)
         self._let_go(hold=False)
+        if self._channel is not None:
+            self.cleanup()
 
     def stop(self) -> None:
         """Bring a moving arm to rest, and then to what ``safety.final_effort`` says."""
@@ -285,7 +288,6 @@ class EpControllerNode(ManagedNode):
 
     def _health(self) -> Health:
         controller, goal = self._controller, self._controller.goal
-        configured = self.lifecycle_state in ("inactive", "active")
         status = ControllerStatus(
             lifecycle=self.lifecycle_state,
             refusal=self.refusal,
@@ -295,7 +297,7 @@ class EpControllerNode(ManagedNode):
             states_rate_hz=self._states.rate_hz(),
             states_age_s=time.monotonic() - self._last_state_at,
             states_are_fresh=self._states_are_fresh(),
-            listeners=self._channel.listeners if configured else 0,
+            listeners=self._channel.listeners if self._channel else 0,
             last=self._trials.last,
         )
         return controller_health(status)

@@ -60,8 +60,8 @@ SILENCE_TIMEOUT_S = 10.0
 TRAINING_TIMEOUT_S = 600.0
 STOPPING_TIMEOUT_S = 2.5
 EMERGENCY_STOP = (
-    "emergency stop: nothing moves before it is reset "
-    f"(ros2 service call {topics.SAFETY_RESET} std_srvs/srv/Trigger)"
+    "emergency stop: as long as ep_controller runs on, nothing moves before "
+    f"ros2 service call {topics.SAFETY_RESET} std_srvs/srv/Trigger"
 )
 
 
