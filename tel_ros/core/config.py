@@ -358,6 +358,8 @@ class SafetyConfig:
     """A joint this share above its velocity limit is braked, whatever the command."""
     final_effort: Literal["zero", "hold"] = "zero"
     """What an arm is left with after an emergency stop, or at the end of the run, once it is at rest."""
+    guard: Literal["external", "always", "never"] = "external"
+    """When a process of its own watches the commands. ``external``: with ``run.arm: external``."""
     command_timeout_s: float = 0.05
     """Silence of the controller after which the guard brakes the arm."""
 
@@ -476,6 +478,13 @@ class Config:
     """What a run was made with; written into ``run.yaml``, not read."""
 
     @property
+    def is_guarded(self) -> bool:
+        """Whether a run of this configuration starts the guard."""
+        if self.safety.guard == "external":
+            return self.run.arm == "external"
+        return self.safety.guard == "always"
+
+    @property
     def arm_waits_for_commands(self) -> bool:
         """Whether the arm's time stands still while nobody commands it: no silence can hurt it then."""
         return self.run.arm == "sim" and self.sim.clock == "lockstep"
@@ -495,6 +504,12 @@ class Config:
             "sim.command_delay_s",
             self.sim.command_delay_s,
             f"a whole multiple of the control period {1.0 / self.control.rate_hz:g} s",
+        )
+        _require(
+            self.safety.guard != "always" or not self.arm_waits_for_commands,
+            "safety.guard",
+            self.safety.guard,
+            "'external' or 'never' with sim.clock lockstep: its arm waits for each command",
         )
         self._check_varied()
         self.safety.require_fits(self.arm)

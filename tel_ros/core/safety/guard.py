@@ -42,7 +42,8 @@ class CommandGuard:
         self._n_joints = len(arm.joints)
         springs = Springs.of(arm)
         self._law = EpLaw(springs.stiffness_nm_per_rad, springs.damping_nms_per_rad)
-        self._layer = SafetyLayer(arm, safety, control.rate_hz)
+        self.safety = SafetyLayer(arm, safety, control.rate_hz)
+        """What every effort of the guard goes through."""
         self._load = HoldingLoad()
         self._rest = self._new_rest_detector()
         self._heard_nm: FloatArray | None = None
@@ -50,7 +51,14 @@ class CommandGuard:
         self._last_ns: int | None = None
         self._brake: SpringBrake | None = None
         self._since_ns = 0
-        self._letting_go = False
+        self._letting_go = self._rested = False
+
+    @property
+    def at_final_effort(self) -> bool:
+        """Whether nothing is left to do: the arm has its final effort, from here or from elsewhere."""
+        if not self.active:
+            return self._heard_nm is None or not self._heard_nm.any()
+        return self._letting_go and not self.safety.last_nm.any() if self._lets_go else self._rested
 
     @property
     def active(self) -> bool:
@@ -108,23 +116,24 @@ class CommandGuard:
             state.position_rad, self._load.deflection_rad(self._law.stiffness_nm_per_rad)
         )
         self._rest = self._new_rest_detector()
-        self._since_ns, self._letting_go = state.time_ns, False
-        self._layer.none()
+        self._since_ns = state.time_ns
+        self._letting_go = self._rested = False
+        self.safety.none()
 
     def _effort(self, state: ArmState, at_rest: bool) -> FloatArray:
         assert self._brake is not None
         waited_s = (state.time_ns - self._since_ns) / NS_PER_S
-        if self._lets_go and (at_rest or waited_s > self._control.settle_timeout_s):
-            self._letting_go = True
+        self._rested = at_rest or waited_s > self._control.settle_timeout_s
+        self._letting_go |= self._lets_go and self._rested
         if self._letting_go:
-            wanted = self._layer.fading(state.time_ns)
+            wanted = self.safety.fading(state.time_ns)
         else:
             equilibrium = self._brake.equilibrium(state.position_rad, state.velocity_rad_s, at_rest)
             wanted = self._law.effort(equilibrium, state.position_rad, state.velocity_rad_s)
         try:
-            return self._layer.permit(state, wanted).effort_nm
+            return self.safety.permit(state, wanted).effort_nm
         except EffortError:
-            return self._layer.none().effort_nm
+            return self.safety.none().effort_nm
 
     def _new_rest_detector(self) -> RestDetector:
         return RestDetector(self._control.settle_speed_rad_s, self._control.settle_time_s)

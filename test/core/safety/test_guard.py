@@ -161,3 +161,19 @@ def test_the_guard_carries_the_weight_that_it_has_seen_carried() -> None:
         arm.step(effort, 0.002)
         time_ns += PERIOD_NS
     np.testing.assert_allclose(arm.q, before, atol=0.02)
+
+
+@pytest.mark.parametrize("final_effort", ["zero", "hold"])
+def test_the_guard_says_when_the_arm_has_its_final_effort(final_effort: str) -> None:
+    arm = GuardedArm(final_effort)
+    assert arm.guard.at_final_effort  # nobody has commanded anything
+    arm.until_run()
+    assert not arm.guard.at_final_effort
+    arm.silent(0.1)
+    assert arm.guard.active and not arm.guard.at_final_effort
+    arm.silent(3.0)
+    assert arm.guard.at_final_effort
+    arm.guard.on_command(np.array([1.0, 0.0]), arm.bench.time_ns / 1e9)
+    assert not arm.guard.at_final_effort
+    arm.guard.on_command(np.zeros(2), arm.bench.time_ns / 1e9)
+    assert arm.guard.at_final_effort
