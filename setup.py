@@ -95,6 +95,7 @@ setup(
     entry_points={
         "console_scripts": [
             "tel = tel_ros.app.cli:main",
+            "arm_guard = tel_ros.nodes.arm_guard:main",
             "ep_controller = tel_ros.nodes.ep_controller:main",
             "inverse_dynamics = tel_ros.nodes.inverse_dynamics:main",
             "trial_recorder = tel_ros.nodes.trial_recorder:main",

@@ -3,7 +3,7 @@
 ros2 launch tel_ros real_arm.launch.py config:=my_run.yaml controllers:=my_controllers.yaml start:=driver
     the driver alone, for `tel practice` in another terminal: the way to begin (docs/real-arm.md)
 ... start:=driver effort:=inactive      no command reaches the motors; joint states can be looked at
-... start:=nodes                        the four nodes alone, for a driver that runs already
+... start:=nodes                        the nodes of tel_ros alone, for a driver that runs already
 ... run_dir:=bags/monday                driver, nodes and practice; the run goes to that folder
 
 The driver is the controller manager with the hardware component that the URDF names, joint_state_broadcaster

@@ -15,6 +15,7 @@ from sim_bridge.pacing import Due, Pacer
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
@@ -76,6 +77,7 @@ class SimBridgeNode(Node):
             self._start_ns = self.get_clock().now().nanoseconds
             self.pace = _RealTime(self._period_s, self._pass_periods)
         self._publish()
+        self._diagnostics = Diagnostics(self, self._health)
 
     def stop(self) -> None:
         """Wait for whoever commands the arm to bring it to rest."""
@@ -112,6 +114,20 @@ class SimBridgeNode(Node):
 
     def _fall_silent(self, silence_s: float) -> None:
         self.get_logger().error(f"no effort command for {silence_s:.3f} s: effort is zero, the arm coasts")
+
+    def _health(self) -> Health:
+        """Say whether commands come; without them nothing but friction brakes the arm."""
+        silent = self._coasting if self._lockstep else self._command is None
+        values = {
+            "clock": self._sim.clock,
+            "arm_time_s": (self._stamp_ns - self._start_ns) / NS_PER_S,
+            "silent": silent,
+        }
+        if not silent:
+            return Health(Level.OK, "waits for commands" if self._commanded_at == 0.0 else "runs", values)
+        if self._arm.at_rest(REST_SPEED_RAD_S):
+            return Health(Level.OK, "no commands: effort is zero, the arm rests", values)
+        return Health(Level.ERROR, "no commands: effort is zero, the arm coasts", values)
 
     # In real time.
 

@@ -93,7 +93,7 @@ class OfflineArm:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._controller = EpController(config.arm, config.control)
+        self._controller = EpController(config.arm, config.control, config.safety)
         self._n_replaced = 0
         self._start_ns = 0
         self._arm = self._new_arm(config.sim)

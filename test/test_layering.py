@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tel_ros.recording import topics
+
 ROOT = Path(__file__).parents[1]
 CORE, RECORDING, NODES, APP = (ROOT / "tel_ros" / part for part in ("core", "recording", "nodes", "app"))
 BRIDGE = ROOT / "sim_bridge"
@@ -15,6 +17,11 @@ BRIDGE_NODE = BRIDGE / "node.py"
 ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
 RIGID_BODY = CORE / "learning" / "rigid_body.py"
 ONE_THREAD = CORE / "learning" / "one_thread.py"
+EFFORT_CHANNEL = NODES / "effort_channel.py"
+SAFETY_LAYER = CORE / "safety" / "layer.py"
+TOPICS = RECORDING / "topics.py"
+COMMAND_TOPICS = {"EFFORT_COMMANDS"}
+"""Names in ``topics`` of what moves an arm."""
 
 
 def imported(source: str) -> set[str]:
@@ -129,6 +136,71 @@ def test_only_the_command_line_names_the_simulated_arm(path: Path) -> None:
 def test_the_simulated_arm_apart_from_its_node_uses_only_the_core(path: Path) -> None:
     above = ("tel_ros.recording", "tel_ros.nodes", "tel_ros.app")
     assert forbidden(path.read_text(encoding="utf-8"), *above) == set()
+
+
+def publishers_of_commands(source: str) -> list[str]:
+    """Return the calls that make a publisher of a command topic, or of a topic that cannot be told.
+
+    A topic can be told if it is written as ``topics.NAME``.
+    """
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.Call) or _function(node) not in PUBLISHERS:
+            continue
+        named = [*node.args, *(keyword.value for keyword in node.keywords)]
+        names = {a.attr for a in named if isinstance(a, ast.Attribute) and _base(a) == "topics"}
+        if not names or names & COMMAND_TOPICS:
+            found.append(ast.unparse(node))
+    return found
+
+
+PUBLISHERS = {"create_publisher", "create_lifecycle_publisher", "Publisher", "LifecyclePublisher"}
+
+
+def _base(attribute: ast.Attribute) -> str:
+    return attribute.value.id if isinstance(attribute.value, ast.Name) else ""
+
+
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(EFFORT_CHANNEL,)))
+def test_commands_leave_through_the_effort_channel_alone(path: Path) -> None:
+    source = path.read_text(encoding="utf-8")
+    assert publishers_of_commands(source) == []
+    values = {getattr(topics, name) for name in COMMAND_TOPICS}
+    assert path == TOPICS or not strings(source) & values
+
+
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(SAFETY_LAYER,)))
+def test_efforts_are_permitted_by_the_safety_layer_alone(path: Path) -> None:
+    """Nobody else says that an effort is permitted, or changes which one was."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    made = [ast.unparse(n) for n in ast.walk(tree) if isinstance(n, ast.Call) and _function(n) == "Permitted"]
+    written = [
+        ast.unparse(n)
+        for n in ast.walk(tree)
+        if isinstance(n, ast.Attribute) and n.attr == "last_nm" and not isinstance(n.ctx, ast.Load)
+    ]
+    assert made + written == []
+
+
+def test_the_effort_channel_is_where_commands_leave() -> None:
+    assert len(publishers_of_commands(EFFORT_CHANNEL.read_text(encoding="utf-8"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("self.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 1)", True),
+        ("node.create_publisher(msg_type=Float64MultiArray, topic=topics.EFFORT_COMMANDS)", True),
+        ("self.create_lifecycle_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 1)", True),
+        ("Publisher(handle, Float64MultiArray, topics.EFFORT_COMMANDS)", True),
+        ("for topic in names:\n    node.create_publisher(kind, topic, 1)", True),
+        ("node.create_publisher(kind, '/effort_' + 'controller/commands', 1)", True),
+        ("self.create_publisher(Bool, topics.READY, qos.LATCHED)", False),
+        ("self.create_subscription(Float64MultiArray, topics.EFFORT_COMMANDS, hear, 1)", False),
+    ],
+)
+def test_a_publisher_of_commands_is_found(source: str, found: bool) -> None:
+    assert bool(publishers_of_commands(source)) is found
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ class Started:
         self.next = on_exit(event, self.context)
 
 
-NODES = ["inverse_dynamics", "trial_recorder", "ep_controller", "practice_manager"]
+NODES = ["inverse_dynamics", "trial_recorder", "arm_guard", "ep_controller", "practice_manager"]
 
 
 def test_driver_first_then_one_controller_after_the_other_then_the_nodes(launch_file: ModuleType) -> None:

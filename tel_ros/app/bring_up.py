@@ -22,10 +22,14 @@ MODULES = {
     "sim_bridge": "sim_bridge.node",
     "inverse_dynamics": "tel_ros.nodes.inverse_dynamics",
     "trial_recorder": "tel_ros.nodes.trial_recorder",
+    "arm_guard": "tel_ros.nodes.arm_guard",
     "ep_controller": "tel_ros.nodes.ep_controller",
     "practice_manager": "tel_ros.nodes.practice_manager",
 }
-"""The nodes, in the order in which they start; they end in the opposite order, the arm last."""
+"""The nodes, in the order in which they start; they end in the opposite order, the arm last.
+
+So the guard watches the controller to its end.
+"""
 
 _END_TIMEOUT_S = 8.0
 _LOG_LINES = 5
@@ -35,7 +39,8 @@ _LIBC = ctypes.CDLL(None)
 
 def node_names(config: Config) -> list[str]:
     """Return the nodes that a run of this configuration starts."""
-    return [name for name in MODULES if name != "sim_bridge" or config.run.arm == "sim"]
+    needed = {"sim_bridge": config.run.arm == "sim", "arm_guard": config.is_guarded}
+    return [name for name in MODULES if needed.get(name, True)]
 
 
 class NodeProcesses:

@@ -23,6 +23,7 @@ from tel_ros.core.check.velocity import judge_velocity
 from tel_ros.core.check.verdicts import judge_listening, judge_pulses
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
+from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes.arm_check import ArmClient, endpoints
 from tel_ros.recording import topics
@@ -182,13 +183,17 @@ def _pulse(
         why = f"not sent before this is mended: {names}"
     elif config.run.arm != "sim" and not agree(_announcement(config, options.bounds)):
         why = "not sent: nobody has agreed"
-    elif not client.open_channel(CHANNEL_TIMEOUT_S):
+    elif not client.open_channel(_layer(config), CHANNEL_TIMEOUT_S):
         why = "not sent: nobody listens to the commands"
     if why:
         states = client.states()
         moved = [] if len(states) < _ENOUGH_STATES or blocking else judge_velocity(states)
         return [*moved, Finding("pulses", Verdict.NOT_CHECKED, why, "sign, scale, delay, watchdog")]
     return _run_pulses(client, config, options)
+
+
+def _layer(config: Config) -> SafetyLayer:
+    return SafetyLayer(config.arm, config.safety, config.control.rate_hz)
 
 
 def _run_pulses(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:

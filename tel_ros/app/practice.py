@@ -19,12 +19,12 @@ from tel_interfaces.action import Practice
 from tel_ros.app.bring_up import NodeProcesses, node_names
 from tel_ros.app.errors import GraphError
 from tel_ros.core.config import Config, PathConfig
-from tel_ros.core.control.limits import Limits
 from tel_ros.core.control.records import TrialGoal
 from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
+from tel_ros.core.safety.limits import Limits
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder

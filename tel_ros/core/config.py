@@ -354,6 +354,72 @@ class ControlConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SafetyConfig:
+    """The layer through which every effort goes before it reaches the arm: docs/safety.md."""
+
+    effort_rate_nm_per_s: JointValues = ()
+    """How fast an effort may grow. Empty: from one effort limit to the opposite one in 20 ms."""
+    soft_margin_rad: JointValues = ()
+    """How far inside the position limits a joint is held back. Empty: 2.5 % of its range, at most 0.1 rad."""
+    k_position_per_s: JointValues = ()
+    """Allowed speed towards a soft limit for each rad of distance. Empty: 2/3 K / ``k_velocity``."""
+    k_velocity_nms_per_rad: JointValues = ()
+    """Effort against each rad/s above the allowed speed. Empty: 2 B, and at least 0.05 s times K."""
+    velocity_margin: float = 0.25
+    """A joint this share above its velocity limit is braked, whatever the command."""
+    final_effort: Literal["zero", "hold"] = "zero"
+    """What an arm is left with after an emergency stop, or at the end of the run, once it is at rest."""
+    guard: Literal["external", "always", "never"] = "external"
+    """When a process of its own watches the commands. ``external``: with ``run.arm: external``."""
+    command_timeout_s: float = 0.05
+    """Silence of the controller after which the guard brakes the arm."""
+
+    def __post_init__(self) -> None:
+        _require_choices(self)
+        _require_at_least_zero(self, "velocity_margin")
+        _require_positive(self, "command_timeout_s")
+        for key in ("effort_rate_nm_per_s", "k_position_per_s", "k_velocity_nms_per_rad"):
+            values = getattr(self, key)
+            _require(all(0.0 < v < math.inf for v in values), key, list(values), "finite numbers above 0")
+        margin = self.soft_margin_rad
+        _require(
+            all(0.0 <= v < math.inf for v in margin),
+            "soft_margin_rad",
+            list(margin),
+            "finite numbers of at least 0",
+        )
+
+    def require_fits(self, arm: ArmConfig) -> None:
+        """Refuse values that do not fit an arm whose empty limits have been filled from its URDF.
+
+        Raises:
+            ConfigError: another number of values than joints, or soft limits that leave no range.
+        """
+        for key in (
+            "effort_rate_nm_per_s",
+            "soft_margin_rad",
+            "k_position_per_s",
+            "k_velocity_nms_per_rad",
+        ):
+            values = getattr(self, key)
+            _require(
+                len(values) in (0, len(arm.joints)),
+                f"safety.{key}",
+                list(values),
+                f"nothing, or one value for each of the joints {', '.join(arm.joints)}",
+            )
+        if not (self.soft_margin_rad and arm.position_min_rad and arm.position_max_rad):
+            return
+        room = [high - low for low, high in zip(arm.position_min_rad, arm.position_max_rad, strict=True)]
+        _require(
+            all(2.0 * margin < r for margin, r in zip(self.soft_margin_rad, room, strict=True)),
+            "safety.soft_margin_rad",
+            list(self.soft_margin_rad),
+            f"less than half of each joint's range of {room} rad",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimConfig:
     """The simulated arm. Nothing here reaches a real one."""
 
@@ -415,11 +481,19 @@ class Config:
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
     control: ControlConfig = field(default_factory=ControlConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
     sim: SimConfig = field(default_factory=SimConfig)
     seed: int = 1
     """Of everything random (at present the sensor noise of the simulated arm)."""
     versions: dict[str, str] = field(default_factory=dict)
     """What a run was made with; written into ``run.yaml``, not read."""
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether a run of this configuration starts the guard."""
+        if self.safety.guard == "external":
+            return self.run.arm == "external"
+        return self.safety.guard == "always"
 
     @property
     def arm_waits_for_commands(self) -> bool:
@@ -442,7 +516,14 @@ class Config:
             self.sim.command_delay_s,
             f"a whole multiple of the control period {1.0 / self.control.rate_hz:g} s",
         )
+        _require(
+            self.safety.guard != "always" or not self.arm_waits_for_commands,
+            "safety.guard",
+            self.safety.guard,
+            "'external' or 'never' with sim.clock lockstep: its arm waits for each command",
+        )
         self._check_varied()
+        self.safety.require_fits(self.arm)
         for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm", "initial_position_rad"):
             values = getattr(self.sim, key)
             _require(

@@ -50,6 +50,10 @@ class StateError(TelError):
     """A measured state cannot be used: wrong joints, wrong length or not finite."""
 
 
+class EffortError(TelError):
+    """An effort that was computed must not reach the arm: it is not finite."""
+
+
 class TrainingError(TelError):
     """The network could not be trained; it stays as it was."""
 

@@ -15,13 +15,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from tel_ros.core.check.programs import Program
 from tel_ros.core.check.records import StateRecord
+from tel_ros.core.control.records import ArmState
+from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import EffortCommand, time_ns
+from tel_ros.nodes.conversions import time_ns
+from tel_ros.nodes.effort_channel import EffortChannel
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
 from tel_ros.recording import topics
 
@@ -47,8 +48,8 @@ class ArmClient:
         self._joints, self._still_there = tuple(joints), still_there
         self._rows: list[Row] = []
         self._program: Program | None = None
-        self._pub = None
-        self._command = EffortCommand(len(joints))
+        self._channel: EffortChannel | None = None
+        self._layer: SafetyLayer | None = None
         self.names: set[tuple[str, ...]] = set()
         """Lists of names that have come."""
         self.malformed = 0
@@ -113,12 +114,18 @@ class ArmClient:
         spin_hot(self.node, self._executor, [self._subscription], over)
         return came
 
-    def open_channel(self, timeout_s: float) -> bool:
-        """Make a publisher of commands; return whether somebody listens to it in time."""
-        if self._pub is None:
-            self._pub = self.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
-        pub = self._pub
-        return self.spin_until(lambda: pub.get_subscription_count() > 0, timeout_s)
+    def open_channel(self, layer: SafetyLayer, timeout_s: float) -> bool:
+        """Make a publisher of commands; return whether somebody listens to it in time.
+
+        Args:
+            layer: what every effort goes through.
+            timeout_s: wall clock.
+        """
+        if self._channel is None:
+            self._channel = EffortChannel(self.node, len(self._joints))
+        self._layer, channel = layer, self._channel
+        channel.open(layer)
+        return self.spin_until(lambda: channel.listeners > 0, timeout_s)
 
     def run(self, programs: Iterable[Program]) -> None:
         """Run programs one after the other; zero is commanded at the end, whatever happens.
@@ -136,7 +143,7 @@ class ArmClient:
     def send_zero(self) -> None:
         """Command zero effort a few times, if a channel is open."""
         self._program = None
-        if self._pub is None:
+        if self._channel is None:
             return
         for _ in range(LAST_ZEROS):
             self._send(np.zeros(len(self._joints)))
@@ -181,10 +188,16 @@ class ArmClient:
         return np.array(values)[columns]
 
     def _send(self, effort_nm: FloatArray | None, stamp_ns: int | None = None) -> None:
-        if effort_nm is None or self._pub is None:
+        if effort_nm is None or self._channel is None or self._layer is None:
             return
         answered_ns = stamp_ns if stamp_ns is not None else (self._rows[-1][1] if self._rows else 0)
-        self._pub.publish(self._command.fill(answered_ns, effort_nm))
+        if self._rows and effort_nm.any():
+            # Speeds are left out: whether they are right is what the check is to find out.
+            position_rad = self._rows[-1][3]
+            self._layer.permit(ArmState(answered_ns, position_rad, np.zeros_like(position_rad)), effort_nm)
+        else:
+            self._layer.none()
+        self._channel.send(answered_ns)
 
 
 def endpoints(client: ArmClient) -> dict[str, list[tuple[str, str, str]]]:

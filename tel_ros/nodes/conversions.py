@@ -105,9 +105,9 @@ class EffortCommand:
         self.message = Float64MultiArray()
         self.message.layout.dim = [self._dimension]
 
-    def fill(self, stamp_ns: int, effort_nm: FloatArray) -> Float64MultiArray:
+    def fill(self, label: str, effort_nm: FloatArray) -> Float64MultiArray:
         """Return the message, which is the same one every time."""
-        self._dimension.label = str(stamp_ns)
+        self._dimension.label = label
         self.message.data = to_array(effort_nm)
         return self.message
 

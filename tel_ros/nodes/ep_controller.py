@@ -4,65 +4,66 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
-from tel_interfaces.action import ExecuteTrial
-from tel_interfaces.msg import ControlState, TrialResult
+from std_msgs.msg import Bool
+from tel_interfaces.msg import ControlState
 
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.control.records import ArmState, Outcome, Tick
-from tel_ros.core.errors import StateError, TelError, TrajectoryError
+from tel_ros.core.control.records import ArmState, Tick, TrialGoal
+from tel_ros.core.errors import StateError
 from tel_ros.nodes import qos
+from tel_ros.nodes.controller_health import ControllerStatus, controller_health
 from tel_ros.nodes.conversions import (
     ControlStateFiller,
-    EffortCommand,
     JointStateReader,
     idle_state,
-    to_goal,
-    to_result_message,
 )
+from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
+from tel_ros.nodes.effort_channel import EffortChannel
 from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.runner import run_node
+from tel_ros.nodes.safety_services import SafetyServices
+from tel_ros.nodes.trial_server import FEEDBACK_PERIOD_S, TrialServer
 from tel_ros.recording import topics
-from tel_ros.recording.trial_timing import timing_fields
 
 WATCHDOG_PERIOD_S = 0.02
-FEEDBACK_PERIOD_S = 0.2
 READY_PERIOD_S = 0.1
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
 
-class EpControllerNode(Node):
+class EpControllerNode(ManagedNode):
     """Answers every joint state with an effort command while a trial is under way or its end is held.
 
-    Before the first trial nothing is commanded. An arm whose time stands still without commands (the
-    simulated one in lockstep) is left alone between trials as well, so that a run does not depend on how
-    long learning takes.
+    A managed node: nothing is commanded before it is active, and then nothing before the first trial. An arm
+    whose time stands still without commands (the simulated one in lockstep) is left alone between trials as
+    well, so that a run does not depend on how long learning takes.
     """
 
     def __init__(self) -> None:
         super().__init__("ep_controller")
-        config = load_parameters(self, "arm", "control", "run", "sim")
+        config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         self._joints = config.arm.joints
-        self._controller = EpController(config.arm, config.control)
+        self._make_controller = partial(EpController, config.arm, config.control, config.safety)
+        self._controller = self._make_controller()
+        self._holds_at_the_end = config.safety.final_effort == "hold"
+        self._rest_speed_rad_s = config.control.settle_speed_rad_s
         self._answers_between_trials = not config.arm_waits_for_commands
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
         )
         self._reader = JointStateReader(self._joints, config.control)
         self._estimated: tuple[str, ...] = ()
-        self._command = EffortCommand(len(self._joints))
+        self._channel: EffortChannel | None = None  # from configure to cleanup
+        self._acts = self._ending = False
         self._control_state = ControlStateFiller()
         # Where the arm waits for commands, how fast they come says nothing about the trial.
         self._timer = (
@@ -71,14 +72,13 @@ class EpControllerNode(Node):
             else LoopTimer(config.control.rate_hz, round(TIMED_S * config.control.rate_hz))
         )
         self._arrived_ns = 0
-        self._goal_handle: ServerGoalHandle | None = None
         self._seen: ArmState | None = None
         self._answered_ns = -1
         self._last_state_at = -math.inf
         self._commanding = False
 
-        self._effort_pub = self.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
-        self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
+        # Listening hurts nobody: so it can be said from the start whether there is an arm.
+        self._states = RateMeter()
         self.busy_subscriptions = [
             self.create_subscription(
                 JointState,
@@ -89,42 +89,86 @@ class EpControllerNode(Node):
             )
         ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
-        self.create_timer(FEEDBACK_PERIOD_S, self._publish_feedback)
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
         self._ready_pub.publish(self._ready)
         self.create_timer(READY_PERIOD_S, self._publish_ready)
-        # The trial is driven by joint states. An execute callback that waited for its end would either block
-        # them or keep the executor polling, so it runs at the end of the trial only, to hand over the result.
-        self._server = ActionServer(
-            self,
-            ExecuteTrial,
-            topics.EXECUTE_TRIAL,
-            execute_callback=self._hand_over,
-            handle_accepted_callback=self._take_up,
-            cancel_callback=self._cancel,
-        )
-        self._result = TrialResult()
+        self._trials = TrialServer(self, self._joints, self._begin, self._cancel, self._timer)
+        self.create_timer(FEEDBACK_PERIOD_S, lambda: self._trials.publish_feedback(self._controller))
+        self._safety = SafetyServices(self, self._stop_for, self._why_not_reset, self._reset_stop)
+        self._diagnostics = Diagnostics(self, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
-        self.get_logger().info(f"waits for {topics.JOINT_STATES}")
+        self.get_logger().info("waits to be configured and activated")
         if not config.arm_waits_for_commands:
             apply_realtime_options(self, config.control)
 
+    def configure(self) -> None:
+        """Make the publishers; the channel of the commands is shut."""
+        # In this order: who hears the states of the controller then has the connection for its commands, too.
+        self._channel = EffortChannel(self, len(self._joints))
+        self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
+
+    def activate(self) -> None:
+        """Open the channel; nothing is commanded before the first trial.
+
+        Raises:
+            TransitionRefusedError: an emergency stop is latched.
+        """
+        if self._safety.reason:
+            raise TransitionRefusedError(f"{self._safety.reason}; {topics.SAFETY_RESET} has to come first")
+        self._channel.open(self._controller.safety)
+        self._acts = True
+
+    def deactivate(self) -> None:
+        """Let go of an arm that is held, or leave it with what holds it (``safety.final_effort``).
+
+        Raises:
+            TransitionRefusedError: a trial is under way, or the arm moves.
+        """
+        if self._trials.busy:
+            raise TransitionRefusedError(
+                f"a trial is under way; cancel it, or call {topics.SAFETY_STOP}, and wait for its end"
+            )
+        if self._moves():
+            raise TransitionRefusedError(f"the arm moves; wait for its rest, or call {topics.SAFETY_STOP}")
+        self._let_go(hold=self._holds_at_the_end)
+
+    def cleanup(self) -> None:
+        """Take the publishers back."""
+        self._channel.destroy()
+        self._channel = None
+        self.destroy_publisher(self._state_pub)
+
+    def shutdown(self) -> None:
+        """Bring a moving arm to rest, then let go of it: a shutdown cannot be refused."""
+        self.stop()
+
+    def give_up(self) -> None:
+        """Let go of the arm and begin anew; nothing is known about what the failed transition has done."""
+        self._controller.lose_states("a transition of the node failed")
+        self._trials.finish(self._controller.report)
+        self._let_go(hold=False)
+        if self._channel is not None:
+            self.cleanup()
+
     def stop(self) -> None:
-        """Bring a moving arm to rest."""
-        self._controller.cancel()
+        """Bring a moving arm to rest, and then to what ``safety.final_effort`` says."""
+        self._ending = True
+        self._controller.finish()
+        self._end_if_stopped()
 
     @property
     def stopped(self) -> bool:
-        """Whether no trial is under way any more."""
-        return not self._controller.active
+        """Whether the last effort has been commanded, or there is nothing to compute one from."""
+        if not self._acts or self._controller.at_final_effort:
+            return True
+        return not self._controller.active and not self._states_are_fresh()
 
     def destroy_node(self) -> None:
-        """Command zero effort, then go."""
-        if self._commanding:
-            self._publish_zero()
-        self._server.destroy()
+        """Command the last effort, then go."""
+        self._let_go(hold=self._holds_at_the_end and self._controller.at_final_effort)
+        self._trials.destroy()
         super().destroy_node()
 
     def _on_joint_state(self, message: JointState) -> None:
@@ -138,15 +182,19 @@ class EpControllerNode(Node):
             self._say_what_is_estimated()
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
         self._seen = state
+        self._states.count += is_new
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
-        if not self._controller.active and not self._answers_between_trials:
+        if not self._acts:
+            return
+        stands_still = not (self._controller.active or self._answers_between_trials or self._is_stopping())
+        if stands_still:
             self._commanding = False
         elif state.time_ns != self._answered_ns:
             self._answer(state)
-        elif self._controller.active:
+        elif not self._answers_between_trials or self._controller.active:
             # A waiting arm repeats its state until it gets the answer.
-            self._effort_pub.publish(self._command.message)
+            self._channel.repeat()
 
     def _say_what_is_estimated(self) -> None:
         self._estimated = self._reader.estimated
@@ -161,21 +209,62 @@ class EpControllerNode(Node):
     def _answer(self, state: ArmState) -> None:
         goal = self._controller.goal
         tick = self._controller.tick(state)
-        if tick is not None:
+        if tick is None:
+            self._commanding = False
+        else:
             self._publish(goal.index if goal else 0, state, tick)
-        self._finish_trial()
+        self._trials.finish(self._controller.report)
+        self._end_if_stopped()
 
     def _publish(self, trial: int, state: ArmState, tick: Tick) -> None:
         self._commanding, self._answered_ns = True, state.time_ns
-        self._effort_pub.publish(self._command.fill(state.time_ns, tick.effort_nm))
+        self._channel.send(state.time_ns)
         if trial and self._timer is not None:
             self._timer.add(state.time_ns, self._arrived_ns, time.monotonic_ns())
         self._state_pub.publish(self._control_state.fill(trial, state, tick))
 
     def _publish_zero(self) -> None:
         self._commanding = False
-        stamp_ns = self._seen.time_ns if self._seen else 0
-        self._effort_pub.publish(self._command.fill(stamp_ns, np.zeros(len(self._joints))))
+        self._controller.safety.none()
+        self._channel.send(self._seen.time_ns if self._seen else 0)
+
+    def _is_stopping(self) -> bool:
+        """Return whether the arm is on its way to the effort that it is to be left with."""
+        return self._controller.stopped_for is not None and not self._controller.at_final_effort
+
+    def _moves(self) -> bool:
+        """Return whether the arm moves, as far as its states tell."""
+        if self._seen is None or not self._states_are_fresh():
+            return False
+        return bool(np.abs(self._seen.velocity_rad_s).max() >= self._rest_speed_rad_s)
+
+    def _stop_for(self, reason: str) -> None:
+        self._controller.stop_for(reason)
+
+    def _why_not_reset(self) -> str:
+        if self._ending:
+            return "the node is ending"
+        return "the arm is not at rest yet" if self._is_stopping() or self._moves() else ""
+
+    def _reset_stop(self) -> None:
+        self._controller.reset_stop()
+
+    def _end_if_stopped(self) -> None:
+        if self._ending and self.stopped:
+            self._let_go(hold=self._holds_at_the_end and self._controller.at_final_effort)
+
+    def _let_go(self, hold: bool) -> None:
+        """Shut the channel, after a last command of zero effort unless the last one is to stay."""
+        if not self._acts:
+            return
+        if self._controller.safety.last_nm.any() and not hold:
+            self._publish_zero()
+        self._channel.shut()
+        self._acts = self._commanding = False
+        # Another one holds nothing of what this one held. A stop outlives it.
+        self._controller = self._make_controller()
+        if self._safety.reason:
+            self._controller.stop_for(self._safety.reason)
 
     def _states_are_fresh(self) -> bool:
         return time.monotonic() - self._last_state_at < self._state_timeout_s
@@ -185,90 +274,49 @@ class EpControllerNode(Node):
             return
         message = f"no joint state for {self._state_timeout_s} s"
         self.get_logger().error(f"{message}: zero effort")
-        self._publish_zero()
         self._controller.lose_states(message)
-        self._finish_trial()
+        self._publish_zero()
+        self._trials.finish(self._controller.report)
+        self._end_if_stopped()
 
-    def _take_up(self, goal_handle: ServerGoalHandle) -> None:
-        try:
-            if not self._states_are_fresh():
-                raise StateError(f"no joint states on {topics.JOINT_STATES}")
-            if self._effort_pub.get_subscription_count() == 0:
-                raise StateError(f"nobody listens to {topics.EFFORT_COMMANDS}")
-            if self._goal_handle is not None:
-                raise TrajectoryError("another trial is under way; one trial at a time")
-            goal = to_goal(goal_handle.request.goal, self._joints)
-            self._controller.start(goal)
-        except TelError as error:
-            asked = goal_handle.request.goal
-            self.get_logger().warning(f"goal refused: {error}")
-            refused = TrialResult(
-                index=asked.trial,
-                alpha=asked.alpha,
-                outcome=int(Outcome.REFUSED),
-                message=str(error),
-                joint_names=list(self._joints),
-                rms_error_rad=float("nan"),
-                max_error_rad=float("nan"),
-                **timing_fields(None),
+    def _begin(self, goal: TrialGoal) -> None:
+        if not self._acts:
+            raise StateError(
+                f"{topics.EP_CONTROLLER} is {self.lifecycle_state}; expected active "
+                f"(ros2 lifecycle set /{topics.EP_CONTROLLER} configure, then activate)"
             )
-            goal_handle.execute(lambda handle: self._end_goal(handle, refused))
-            return
-        self._goal_handle = goal_handle
-        if self._timer is not None:
-            self._timer.reset()
-        self.get_logger().info(f"trial {goal.index}: {goal.desired.duration_s:.3f} s")
+        if not self._states_are_fresh():
+            raise StateError(f"no joint states on {topics.JOINT_STATES}")
+        if self._channel.listeners == 0:
+            raise StateError(f"nobody listens to {topics.EFFORT_COMMANDS}")
+        self._controller.start(goal)
 
-    def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        if self._goal_handle is None or goal_handle.goal_id != self._goal_handle.goal_id:
-            return CancelResponse.REJECT
+    def _cancel(self) -> None:
         self._controller.cancel()
-        return CancelResponse.ACCEPT
-
-    def _finish_trial(self) -> None:
-        report, handle = self._controller.report, self._goal_handle
-        if report is None or handle is None:
-            return
-        if self._timer is not None:
-            report = replace(report, timing=self._timer.timing())
-        if report.message:
-            self.get_logger().warning(f"trial {report.index}: {report.outcome.name}: {report.message}")
-        if report.timing is not None and report.timing.warning:
-            self.get_logger().warning(f"trial {report.index}: {report.timing.warning}")
-        self._goal_handle, self._result = None, to_result_message(report, self._joints)
-        handle.execute()
-
-    def _hand_over(self, goal_handle: ServerGoalHandle) -> ExecuteTrial.Result:
-        return self._end_goal(goal_handle, self._result)
-
-    def _end_goal(self, goal_handle: ServerGoalHandle, result: TrialResult) -> ExecuteTrial.Result:
-        if goal_handle.is_cancel_requested:
-            goal_handle.canceled()
-        elif result.outcome == TrialResult.COMPLETED:
-            goal_handle.succeed()
-        else:
-            goal_handle.abort()
-        return ExecuteTrial.Result(result=result)
 
     def _publish_ready(self) -> None:
-        ready = self._states_are_fresh() and self._effort_pub.get_subscription_count() > 0
+        ready = self._acts and self._states_are_fresh() and self._channel.listeners > 0
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)
-        if self._seen is not None and self._states_are_fresh() and not self._commanding:
+        if self._acts and self._seen is not None and self._states_are_fresh() and not self._commanding:
             self._state_pub.publish(idle_state(self._seen))
 
-    def _publish_feedback(self) -> None:
-        handle, controller = self._goal_handle, self._controller
-        if handle is None:
-            return
-        handle.publish_feedback(
-            ExecuteTrial.Feedback(
-                phase=int(controller.phase),
-                time_from_start_s=controller.time_from_start_s,
-                max_error_rad=controller.max_error_rad,
-            )
+    def _health(self) -> Health:
+        controller, goal = self._controller, self._controller.goal
+        status = ControllerStatus(
+            lifecycle=self.lifecycle_state,
+            refusal=self.refusal,
+            phase=controller.phase.name,
+            trial=goal.index if goal else 0,
+            stopped=self._safety.reason,
+            states_rate_hz=self._states.rate_hz(),
+            states_age_s=time.monotonic() - self._last_state_at,
+            states_are_fresh=self._states_are_fresh(),
+            listeners=self._channel.listeners if self._channel else 0,
+            last=self._trials.last,
         )
+        return controller_health(status)
 
 
 def main() -> None:

@@ -11,10 +11,11 @@ from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, Tra
 
 from tel_ros.core.errors import TelError, TrainingError
 from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.core.learning.std_along import std_along
 from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
@@ -31,6 +32,9 @@ class InverseDynamicsNode(Node):
         self._config = load_parameters(self, "arm", "path", "practice", "control", "learning", "seed")
         self._network = new_network(self._config)
         self._joints = self._config.arm.joints
+        self._doing, self._trouble, self._learned = "", "", "nothing yet"
+        self._revision = revision(self._network)
+        self._diagnostics = Diagnostics(self, self._health)
         self.create_service(PredictEquilibrium, topics.PREDICT, self._predict)
         self.create_service(TrainOnTrials, topics.TRAIN, self._train)
         self.create_service(SaveNetwork, topics.SAVE, self._save)
@@ -47,13 +51,14 @@ class InverseDynamicsNode(Node):
         equilibrium = desired.position_rad + self._network.predict(inputs)
         response.equilibrium = to_trajectory_message(self._joints, desired.time_ns, equilibrium)
         response.std_rad = to_array(std_along(self._network, inputs))
-        response.revision = revision(self._network)
-        response.success = True
+        response.revision = self._revision
+        response.success, self._trouble = True, ""
         return response
 
     def _train(
         self, request: TrainOnTrials.Request, response: TrainOnTrials.Response
     ) -> TrainOnTrials.Response:
+        self._say(f"learns from {len(request.bags)} bags")
         try:
             mode = request.training or self._config.learning.training
             if mode not in ("actual", "desired"):
@@ -71,15 +76,18 @@ class InverseDynamicsNode(Node):
                 response.samples += len(samples.offset_rad)
         except TelError as error:
             return self._refuse(response, error)
-        self._network = network
+        finally:
+            self._doing = ""
+        self._take_up(network)
         _fill(response, outcomes)
         response.subtrees = list(network.subtrees)
-        response.revision = revision(network)
+        response.revision = self._revision
         response.success = True
-        self.get_logger().info(
-            f"learned from {response.samples} samples: error {response.training_rms_before_rad:.4f} → "
+        self._learned = (
+            f"{response.samples} samples: error {response.training_rms_before_rad:.4f} → "
             f"{response.training_rms_after_rad:.4f} rad"
         )
+        self.get_logger().info(f"learned from {self._learned}")
         return response
 
     def _save(self, request: SaveNetwork.Request, response: SaveNetwork.Response) -> SaveNetwork.Response:
@@ -97,12 +105,27 @@ class InverseDynamicsNode(Node):
                 raise _other_joints(request.path, network.context.joints, self._joints)
         except TelError as error:
             return self._refuse(response, error)
-        self._network = network
-        response.revision, response.success = revision(network), True
+        self._take_up(network)
+        response.revision, response.success = self._revision, True
         return response
+
+    def _take_up(self, network: Learner) -> None:
+        self._network, self._revision, self._trouble = network, revision(network), ""
+
+    def _say(self, doing: str) -> None:
+        """Tell the world before the time that this takes: nothing else gets a turn meanwhile."""
+        self._doing = doing
+        self._diagnostics.publish()
+
+    def _health(self) -> Health:
+        values = {"revision": self._revision, "last_training": self._learned}
+        if self._trouble:
+            return Health(Level.WARN, f"refused: {self._trouble}", values)
+        return Health(Level.OK, self._doing or "ready", values)
 
     def _refuse(self, response, error: TelError):  # noqa: ANN001, ANN202 - any of the four responses
         self.get_logger().error(str(error))
+        self._trouble = str(error)
         response.success, response.message = False, str(error)
         return response
 

@@ -45,6 +45,7 @@ from tel_ros.nodes.conversions import (
     to_goal_message,
     to_report,
 )
+from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.runner import run_node
@@ -59,6 +60,10 @@ ANSWER_TIMEOUT_S = 30.0
 SILENCE_TIMEOUT_S = 10.0
 TRAINING_TIMEOUT_S = 600.0
 STOPPING_TIMEOUT_S = 2.5
+EMERGENCY_STOP = (
+    "emergency stop: as long as ep_controller runs on, nothing moves before "
+    f"ros2 service call {topics.SAFETY_RESET} std_srvs/srv/Trigger"
+)
 
 
 class PracticeManagerNode(Node):
@@ -80,13 +85,16 @@ class PracticeManagerNode(Node):
             StartRecording, topics.START_RECORDING, callback_group=group
         )
         self._stop_recording = self.create_client(StopRecording, topics.STOP_RECORDING, callback_group=group)
+        self._controller = LifecycleClient(self, topics.EP_CONTROLLER, group)
         self._execute = ActionClient(self, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
         self._busy = self._stopping = False
         self._stopping_since = math.inf
         self._written = self._config
         self._lock_up = LockUpMonitor(self._config.practice.tolerance_rad)
         self._ready = threading.Event()
-        self.create_subscription(Bool, topics.READY, self._on_ready, qos.LATCHED, callback_group=group)
+        self._stop_latched = self._stop_seen = False
+        for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
+            self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
         self._server = ActionServer(
             self,
             Practice,
@@ -111,6 +119,10 @@ class PracticeManagerNode(Node):
             self._ready.set()
         else:
             self._ready.clear()
+
+    def _on_stopped(self, message: Bool) -> None:
+        self._stop_latched = message.data
+        self._stop_seen |= message.data
 
     def _consider(self, goal: Practice.Goal) -> GoalResponse:
         if self._busy or self._stopping:
@@ -151,10 +163,17 @@ class PracticeManagerNode(Node):
         progress = Progress(goal_handle)
         last: TrialReport | None = None
         ending = Ending("cancelled", "the run was cancelled")
+        # A stop ends the run in which it comes, even if it has been reset by the time that the trial is over.
+        self._stop_seen = self._stop_latched
         try:
+            self._controller.bring_up(ANSWER_TIMEOUT_S, self._give_up_in_time)
             self._wait_for_arm()
             self._save_network(network_after(folder, 0))
             while not self._cancelled(goal_handle):
+                if self._stop_seen:
+                    # Whatever the strategy makes of a trial that was aborted: a person has said stop.
+                    ending = Ending("aborted", EMERGENCY_STOP)
+                    break
                 decision = strategy.next(last, self._forecast)
                 if isinstance(decision, Ending):
                     ending = decision
@@ -167,7 +186,10 @@ class PracticeManagerNode(Node):
                 progress.trial_done(message, row)
             summary.end(ending.outcome, ending.message)
         except TelError as error:
-            summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
+            if self._stop_seen:
+                summary.end("aborted", f"{EMERGENCY_STOP}; {error}")
+            else:
+                summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
 
     def _wait_for_arm(self) -> None:
         timeout_s = self._config.run.arm_timeout_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import time
 from bisect import bisect_left, bisect_right
@@ -22,6 +23,7 @@ from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
@@ -31,6 +33,8 @@ from tel_ros.recording.message_types import to_cdr, typestore
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
 HEARD_LATELY_S = 1.0
+LITTLE_SPACE_MB, NO_SPACE_MB = 500.0, 50.0
+"""A trial of ten seconds at 500 Hz takes about 3 MB."""
 _CHECK_PERIOD_S = 0.02
 _BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
 _MESSAGE_TYPES = {
@@ -73,6 +77,9 @@ class TrialRecorderNode(Node):
         self._heard_at: dict[str, float] = {}
         self._goal = TrialGoal()
         self._stamps: dict[str, list[int]] = {}
+        self._last_bag: Path | None = None
+        self._dropped_last = 0
+        self._trouble = ""
         busy = BusyGroup()
         self.batch_s = _BATCH_S
         self.busy_subscriptions = [
@@ -87,6 +94,7 @@ class TrialRecorderNode(Node):
         self.create_service(
             StopRecording, topics.STOP_RECORDING, self._stop_recording, callback_group=self._group
         )
+        self._diagnostics = Diagnostics(self, self._health, self._group)
 
     def stop(self) -> None:
         """Nothing to begin: an open bag is ended by who has started it, once the arm is at rest."""
@@ -145,9 +153,8 @@ class TrialRecorderNode(Node):
             metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
             self._writer = TrialBagWriter(bag, metadata)
         except (TelError, ValueError) as error:
-            self.get_logger().error(str(error))
-            response.message = str(error)
-            return response
+            return self._refuse(response, error)
+        self._last_bag, self._trouble = bag, ""
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
         self._goal = request.goal
         response.success = True
@@ -165,7 +172,7 @@ class TrialRecorderNode(Node):
             end_ns = time_ns(result.end_stamp)
             await self._until(lambda: result.ticks == 0 or self._has_all_until(end_ns), DRAIN_TIMEOUT_S)
             self._writer = None
-            response.dropped = self._dropped(result)
+            response.dropped = self._dropped_last = self._dropped(result)
             if response.dropped:
                 writer.abandon()
                 first_s = (self._stamps[topics.CONTROL_STATES] or [0])[0] / NS_PER_S
@@ -180,12 +187,31 @@ class TrialRecorderNode(Node):
             writer.close()
         except TelError as error:
             self._writer = None
-            self.get_logger().error(str(error))
-            response.message = str(error)
-            return response
+            return self._refuse(response, error)
         response.topics, response.message_counts = list(writer.counts), list(writer.counts.values())
         response.success = True
         return response
+
+    def _refuse(self, response, error: Exception):  # noqa: ANN001, ANN202 - either of the two responses
+        self._trouble = response.message = str(error)
+        self.get_logger().error(str(error))
+        return response
+
+    def _health(self) -> Health:
+        values: dict[str, object] = {"recording": self._writer is not None, "dropped": self._dropped_last}
+        level, message = Level.OK, "waits for a trial"
+        if self._writer is not None:
+            message = f"records {self._writer.bag.name}"
+            values |= {f"messages {topic}": len(stamps) for topic, stamps in self._stamps.items()}
+        if self._trouble:
+            level, message = Level.ERROR, self._trouble
+        if self._last_bag is not None:
+            free_mb = _free_mb(self._last_bag)
+            values |= {"bag": self._last_bag, "free_mb": round(free_mb)}
+            if free_mb < LITTLE_SPACE_MB and level != Level.ERROR:
+                level = Level.ERROR if free_mb < NO_SPACE_MB else Level.WARN
+                message = f"less than {LITTLE_SPACE_MB:.0f} MB are free for bags"
+        return Health(level, message, values)
 
     async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Let other callbacks run until a condition holds, or will not any more."""
@@ -228,6 +254,12 @@ class TrialRecorderNode(Node):
         writer.write(
             topics.TRIAL_RESULT, time_ns(result.end_stamp), to_cdr("tel_interfaces/msg/TrialResult", result)
         )
+
+
+def _free_mb(bag: Path) -> float:
+    """Return how much room [MB] is left where a bag is; its folder may not exist yet."""
+    existing = next(folder for folder in bag.absolute().parents if folder.exists())
+    return shutil.disk_usage(existing).free / 1e6
 
 
 def main() -> None:

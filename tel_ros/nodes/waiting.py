@@ -47,12 +47,11 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
     return future.result()
 
 
-def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
-    """Call a service whose response has ``success`` and ``message``.
+def ask(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
+    """Call a service, once it is there, and return its response.
 
     Raises:
         NoAnswerError: it is not there or does not answer in time.
-        DeclinedError: it did not succeed.
     """
     waited_s = 0.0
     while not client.service_is_ready():
@@ -61,7 +60,17 @@ def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None
             raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
         time.sleep(_POLL_PERIOD_S)
         waited_s += _POLL_PERIOD_S
-    response = wait(client.call_async(request), timeout_s, client.srv_name, poll)
+    return wait(client.call_async(request), timeout_s, client.srv_name, poll)
+
+
+def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
+    """Call a service whose response has ``success`` and ``message``.
+
+    Raises:
+        NoAnswerError: it is not there or does not answer in time.
+        DeclinedError: it did not succeed.
+    """
+    response = ask(client, request, timeout_s, poll)
     if not response.success:
         raise DeclinedError(f"{client.srv_name}: {response.message}")
     return response

@@ -16,6 +16,7 @@ from tel_ros.core.config import (
     PathConfig,
     PracticeConfig,
     RunConfig,
+    SafetyConfig,
     SimConfig,
 )
 from tel_ros.core.errors import ConfigError
@@ -208,3 +209,8 @@ def test_an_initial_position_that_is_not_finite_is_refused(bad: float) -> None:
 )
 def test_only_the_simulated_arm_in_lockstep_waits_for_commands(arm: str, clock: str, waits: bool) -> None:
     assert config(run=RunConfig(arm=arm), sim=SimConfig(clock=clock)).arm_waits_for_commands == waits
+
+
+def test_a_guard_of_an_arm_that_waits_for_commands_makes_no_sense() -> None:
+    with pytest.raises(ConfigError, match="guard is 'always'; expected 'external' or 'never'"):
+        config(safety=SafetyConfig(guard="always"))

@@ -8,7 +8,7 @@ from math import cos, sin
 
 import numpy as np
 
-from tel_ros.core.config import ArmConfig, ControlConfig
+from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.records import ArmState, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path, waypoint_path
@@ -207,10 +207,13 @@ def make_bench(
     *,
     description: dict[str, object] | None = None,
     control: dict[str, object] | None = None,
+    safety: dict[str, object] | None = None,
     **values: object,
 ) -> Bench:
     """Return a controller with its arm on the bench, with some values of their configurations replaced."""
-    controller = EpController(arm_config(**(description or {})), ControlConfig(**(control or {})))
+    controller = EpController(
+        arm_config(**(description or {})), ControlConfig(**(control or {})), SafetyConfig(**(safety or {}))
+    )
     return Bench(controller, arm or TwoLinkArm(), **values)
 
 

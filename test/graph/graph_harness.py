@@ -14,6 +14,8 @@ from typing import Any
 
 import psutil
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -176,8 +178,19 @@ class Graph:
         self.spin_until(future.done, timeout_s, f"an answer of {name}")
         return future.result()
 
+    def change_state(self, transition: int) -> bool:
+        """Ask the controller for a transition; return whether it has done it."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(self.call(ChangeState, f"/{topics.EP_CONTROLLER}/change_state", request).success)
+
+    def activate_controller(self) -> None:
+        """Configure and activate the controller."""
+        assert self.change_state(Transition.TRANSITION_CONFIGURE)
+        assert self.change_state(Transition.TRANSITION_ACTIVATE)
+
     def wait_for_controller(self) -> None:
-        """Wait until the controller sees the arm and the arm hears the controller."""
+        """Activate the controller, and wait until it sees the arm and the arm hears it."""
+        self.activate_controller()
         heard: list[Any] = []
         self.node.create_subscription(Bool, topics.READY, heard.append, qos.LATCHED)
         self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)

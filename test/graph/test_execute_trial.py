@@ -154,6 +154,7 @@ def test_a_trial_without_joint_states_ends_with_zero_effort(graph: StartGraph) -
 
 def test_a_goal_without_an_arm_is_refused(graph: StartGraph) -> None:
     running = graph(["ep_controller"])
+    running.activate_controller()
     running.spin_until(running.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
     result = running.result(running.send(running.goal()))
     assert result.outcome == TrialResult.REFUSED
@@ -162,6 +163,7 @@ def test_a_goal_without_an_arm_is_refused(graph: StartGraph) -> None:
 
 def test_states_that_cannot_be_used_are_never_answered(graph: StartGraph) -> None:
     running = graph(["ep_controller"], "run.arm=external")
+    running.activate_controller()
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     arm = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
     stamp_ns = 1_000_000_000
@@ -202,6 +204,7 @@ def test_missing_velocities_are_estimated_and_that_is_said_once(
     graph: StartGraph, velocity: list[float]
 ) -> None:
     running = graph(["ep_controller"], "run.arm=external")
+    running.activate_controller()
     states = running.listen(ControlState, topics.CONTROL_STATES)
     running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     arm = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)

@@ -15,7 +15,7 @@ from tel_ros.core.errors import TelError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.recording.config_file import flat_values, load_config
 
-SECTIONS = ("arm", "path", "run", "practice", "learning", "control", "sim")
+SECTIONS = ("arm", "path", "run", "practice", "learning", "control", "safety", "sim")
 
 
 @pytest.fixture

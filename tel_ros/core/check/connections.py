@@ -30,7 +30,7 @@ def judge_connections(
             not commanders,
             _listed(commanders),
             "nobody else commands the arm",
-            "end whoever else commands efforts (tel practice, an old ep_controller) before the check",
+            "end whoever else commands efforts (tel practice, an old ep_controller, arm_guard) first",
             blocks=True,
         ),
         judged(

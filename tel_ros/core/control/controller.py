@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tel_ros.core.config import ArmConfig, ControlConfig
-from tel_ros.core.control.brake import OneWayBrake
+from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
+from tel_ros.core.control.brake import SpringBrake
 from tel_ros.core.control.ep_law import EpLaw
-from tel_ros.core.control.limits import Limits
+from tel_ros.core.control.load import HoldingLoad
 from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
-from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.errors import EffortError, TrajectoryError
+from tel_ros.core.safety.layer import Permitted, SafetyLayer
+from tel_ros.core.safety.limits import Limits
+from tel_ros.core.safety.state_age import StateAge
 from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
 from tel_ros.core.types import NS_PER_S, FloatArray
 
@@ -36,26 +39,32 @@ class EpController:
 
     APPROACH (smoothly to the start posture) → SETTLE → RUN → HOLD; the trial is over when the arm is at rest
     in HOLD. Whatever goes wrong leads to STOP, where the arm is braked and held where it comes to rest; the
-    trial is over then. Time is that of the states alone, so it runs slower or faster than the wall clock
-    just as well.
+    trial is over then. After :meth:`stop_for` and :meth:`finish` the arm is held or let go, as configured,
+    and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
+    it runs slower or faster than the wall clock just as well.
 
     Args:
         arm: joints, springs and limits; its empty limits must have been filled from the URDF.
         control: corridor, settling and time-outs.
+        safety: numbers of the safety layer, and what the arm is left with after a stop that is final; None:
+            the defaults.
     """
 
-    def __init__(self, arm: ArmConfig, control: ControlConfig) -> None:
+    def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig | None = None) -> None:
+        safety = safety or SafetyConfig()
         self.limits = Limits.of(arm, control.corridor_rad)
         self._configured = Springs.of(arm)
         self._springs = self._configured
         self._law = EpLaw(
             self._springs.stiffness_nm_per_rad,
             self._springs.damping_nms_per_rad,
-            np.array(arm.effort_limit_nm),
         )
+        self.safety = SafetyLayer(arm, safety, control.rate_hz)
+        """Through which every effort goes."""
+        self._lets_go = safety.final_effort == "zero"
         self._control = control
         self._n_joints = len(arm.joints)
-        self._state_timeout_ns = round(control.state_timeout_s * NS_PER_S)
+        self._age = StateAge(control.state_timeout_s)
         self._settle_timeout_ns = round(control.settle_timeout_s * NS_PER_S)
         self.phase = Phase.IDLE
         self.report: TrialReport | None = None
@@ -72,7 +81,11 @@ class EpController:
         self._approach_s = 0.0
         self._way_back = self.limits
         self._point = 0
-        self._brake: OneWayBrake | None = None
+        self._brake: SpringBrake | None = None
+        self._load = HoldingLoad()
+        self._letting_go = False
+        self.stopped_for: str | None = None
+        """Why no trial may start until :meth:`reset_stop`; None: one may."""
         self._rest = self._new_rest_detector()
         self._still = False
 
@@ -100,8 +113,11 @@ class EpController:
         """Take up a trial with the next state.
 
         Raises:
-            TrajectoryError: a trial is under way, or the goal is one that the arm must not follow.
+            TrajectoryError: a trial is under way, the arm has been stopped for good, or the goal is one that
+                the arm must not follow.
         """
+        if self.stopped_for is not None:
+            raise TrajectoryError(f"stopped: {self.stopped_for}; no trial starts before the stop is reset")
         if self.active:
             raise TrajectoryError("another trial is under way; one trial at a time")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
@@ -117,6 +133,40 @@ class EpController:
         """Stop the trial that is under way, if any: the arm is brought to rest and held."""
         self._stop(Outcome.CANCELLED, "cancelled")
 
+    def stop_for(self, reason: str) -> None:
+        """Stop now and for good: an emergency stop, latched until :meth:`reset_stop`.
+
+        A trial that is under way is aborted with the reason as its message. The arm is braked; once it is at
+        rest, it is held or let go (``safety.final_effort``). What nobody holds stays as it is.
+        """
+        self._end(Outcome.ABORTED, reason, reason)
+
+    def finish(self) -> None:
+        """End in good order: like :meth:`stop_for`, but a trial that is under way counts as cancelled."""
+        self._end(Outcome.CANCELLED, "cancelled", "the controller is ending")
+
+    def reset_stop(self) -> None:
+        """Allow trials again. An arm that is not yet let go is held; one that is, is picked up by a trial."""
+        if self.stopped_for is None:
+            return
+        self.stopped_for = None
+        if self._letting_go:
+            if self.safety.last_nm.any():
+                self._begin_stop(self._last_ns)
+            else:
+                self.phase, self._letting_go, self._equilibrium = Phase.IDLE, False, None
+
+    @property
+    def at_final_effort(self) -> bool:
+        """Whether :meth:`stop_for` or :meth:`finish` has come to its end: nothing more will change."""
+        if self.stopped_for is None or self.active:
+            return False
+        if self.phase == Phase.IDLE:
+            return True
+        if self._lets_go:
+            return self._letting_go and not self.safety.last_nm.any()
+        return self._rested(self._last_ns)
+
     def lose_states(self, message: str) -> None:
         """End the trial because no states come any more; effort must go to zero until they do.
 
@@ -124,6 +174,10 @@ class EpController:
         """
         if self.phase == Phase.IDLE:
             return
+        self.safety.none()
+        if self._letting_go:
+            return  # it stays let go
+        self._load.lose(self._springs.stiffness_nm_per_rad)
         self._stop(Outcome.ABORTED, message)
         self._begin_stop(self._last_ns)  # also in STOP: nobody holds the arm any more where it was latched
         self._finish()
@@ -152,7 +206,7 @@ class EpController:
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(state)
-        effort, saturated = self._law.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
+        effort, saturated = self._effort(state, target)
         self._equilibrium = target.equilibrium
         if self.phase == Phase.RUN:
             self._score.add(state.position_rad - target.position, effort, saturated)
@@ -169,23 +223,32 @@ class EpController:
         self._finish_if_over(state.time_ns)
         return tick
 
+    def _effort(self, state: ArmState, target: _Target) -> Permitted:
+        """Return what the springs and dampers exert, as far as it is permitted."""
+        if self._letting_go:
+            wanted = self.safety.fading(state.time_ns)
+        else:
+            wanted = self._law.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
+        try:
+            permitted = self.safety.permit(state, wanted)
+        except EffortError as error:
+            self._stop(Outcome.ABORTED, str(error))
+            return self.safety.none()
+        if not self._letting_go:
+            self._load.add(state.time_ns, permitted.effort_nm)
+        return permitted
+
     def _check(self, state: ArmState) -> None:
         """Abort if time jumped: a state that does not follow the last one says nothing about now."""
-        step_ns = state.time_ns - self._last_ns
-        if self._ticks == 0:
+        if self._ticks == 0 or self._letting_go:
             return
-        if self.phase == Phase.STOP:
-            if step_ns <= 0:
-                self._begin_stop(state.time_ns)
-        elif step_ns <= 0:
-            self._stop(
-                Outcome.ABORTED, f"the stamps of the joint states went back by {-step_ns / NS_PER_S:.3f} s"
-            )
-        elif step_ns > self._state_timeout_ns:
-            self._stop(
-                Outcome.ABORTED,
-                f"no joint state for {step_ns / NS_PER_S:.3f} s (time-out {self._control.state_timeout_s} s)",
-            )
+        violation = self._age.violation(state.time_ns - self._last_ns)
+        if violation is None:
+            return
+        if self.phase != Phase.STOP:
+            self._stop(Outcome.ABORTED, violation)
+        elif state.time_ns <= self._last_ns:
+            self._begin_stop(state.time_ns)
 
     def _begin_approach(self, state: ArmState) -> None:
         assert self._goal is not None
@@ -223,6 +286,8 @@ class EpController:
         in_phase_ns = state.time_ns - self._phase_ns
         if self.phase != Phase.RUN:
             self._still = self._rest.at_rest(state.time_ns, state.position_rad)
+        if self._still and not self._letting_go:
+            self._load.keep()
         if self.phase == Phase.APPROACH and in_phase_ns >= self._approach_s * NS_PER_S:
             self._enter(Phase.SETTLE, state.time_ns)
         elif self.phase == Phase.SETTLE:
@@ -251,16 +316,14 @@ class EpController:
             return self._trajectory_target(0, 0.0)
         if self.phase == Phase.HOLD:
             return self._held
-        u = self._stopping_equilibrium(state)
+        u = state.position_rad if self._letting_go else self._stopping_equilibrium(state)
         return _Target(u, zero, zero, u)
 
     def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
         if self._brake is None:
-            self._brake = OneWayBrake(state.position_rad)
-        elif self._still and self._equilibrium is not None:
-            # At rest it stays latched: moving along with sensor noise would let the arm creep.
-            return self._equilibrium
-        return self._brake.equilibrium(state.position_rad, state.velocity_rad_s)
+            load_rad = self._load.deflection_rad(self._springs.stiffness_nm_per_rad)
+            self._brake = SpringBrake(state.position_rad, load_rad)
+        return self._brake.equilibrium(state.position_rad, state.velocity_rad_s, self._still)
 
     def _run_target(self, time_ns: int) -> _Target:
         assert self._goal is not None
@@ -295,12 +358,24 @@ class EpController:
             self._outcome, self._message = outcome, message
         self._begin_stop(self._last_ns)
 
+    def _end(self, outcome: Outcome, message: str, reason: str) -> None:
+        if self.stopped_for is None:
+            self.stopped_for = reason
+        self._stop(outcome, message)
+
     def _begin_stop(self, time_ns: int) -> None:
         self._brake = None
         self._equilibrium = None
+        self._letting_go = False
         self._enter(Phase.STOP, time_ns)
 
+    def _rested(self, time_ns: int) -> bool:
+        """Return whether STOP has brought the arm to rest, or will not."""
+        return self._still or time_ns - self._phase_ns > self._settle_timeout_ns
+
     def _finish_if_over(self, time_ns: int) -> None:
+        if self.stopped_for is not None and self._lets_go and self.phase == Phase.STOP:
+            self._letting_go = self._letting_go or self._rested(time_ns)
         if not self.active or self.phase not in (Phase.HOLD, Phase.STOP):
             return
         if self._still:

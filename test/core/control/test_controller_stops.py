@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable
 
@@ -10,6 +11,7 @@ import pytest
 from two_link import Bench, TwoLinkArm, loops, make_bench, reach
 
 from tel_ros.core.control.records import ArmState, Outcome, Phase
+from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.types import NS_PER_S
 
 COURSE = [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]
@@ -89,7 +91,10 @@ def test_from_the_abort_on_the_arm_is_only_braked_and_then_held(scene: Callable[
     bench = scene()
     bench.finish()
     braking = bench.rows(Phase.STOP)
-    assert np.all((bench.column("effort_nm") * bench.velocity_rad_s)[braking] <= 0.0)
+    q, soft = bench.position_rad, bench.controller.safety.motion
+    pushed_back = (q < soft.soft_min_rad) | (q > soft.soft_max_rad)
+    power_w = np.where(pushed_back, 0.0, bench.column("effort_nm") * bench.velocity_rad_s)[braking]
+    assert np.all(power_w <= 0.0)
     bench.steps(1.5)
     assert bench.controller.phase == Phase.STOP
     # Less than what counts as standing still during one window of rest, 0.05 rad/s × 0.2 s.
@@ -165,6 +170,94 @@ def test_a_stopped_arm_does_not_creep_with_the_noise_of_its_sensors() -> None:
     # Noise may unlatch it once more, as long as what it counts as its place of rest dates from the braking.
     assert np.ptp(commands(500), axis=0).max() < 0.01
     np.testing.assert_array_equal(np.ptp(commands(1000), axis=0), 0.0)
+
+
+def test_a_final_stop_aborts_the_trial_and_lets_the_arm_go_once_it_is_at_rest() -> None:
+    bench = in_run(0.5)
+    bench.controller.stop_for("somebody pressed the button")
+    assert not bench.controller.at_final_effort
+    report = bench.finish()
+    assert (report.outcome, report.message) == (Outcome.ABORTED, "somebody pressed the button")
+    bench.until(lambda b: b.controller.at_final_effort, 1.0)
+    bench.arm.q, n = (0.3, 0.5), len(bench.ticks)  # nobody holds it
+    bench.steps(0.5)
+    np.testing.assert_array_equal(bench.column("effort_nm")[n:], 0.0)
+
+
+def test_after_a_final_stop_no_trial_starts_before_it_is_reset() -> None:
+    bench = in_run(0.5)
+    bench.controller.stop_for("button")
+    bench.finish()
+    bench.until(lambda b: b.controller.at_final_effort, 1.0)
+    with pytest.raises(TrajectoryError, match="stopped: button; no trial starts before the stop is reset"):
+        bench.controller.start(reach(index=2))
+    bench.controller.reset_stop()
+    assert bench.controller.phase == Phase.IDLE
+    bench.arm.q, bench.arm.v = (0.3, 0.5), (0.0, 0.0)
+    n = len(bench.ticks)
+    assert bench.run(reach(index=2)).outcome == Outcome.COMPLETED
+    np.testing.assert_array_equal(bench.ticks[n].effort_nm, 0.0)
+
+
+def test_a_final_stop_holds_the_arm_if_it_is_configured_to() -> None:
+    bench = in_run(0.5, safety={"final_effort": "hold"})
+    bench.controller.stop_for("button")
+    bench.until(lambda b: b.controller.at_final_effort)
+    held = bench.position_rad[-1]
+    bench.steps(0.5)
+    start_s = bench.arm.time_s
+    bench.arm.push = lambda t: (0.15 * min(1.0, t - start_s), 0.0)
+    bench.steps(2.0)
+    np.testing.assert_allclose(bench.position_rad[-1] - held, (0.15 / 15, 0.0), atol=3e-3)
+
+
+def test_to_finish_cancels_the_trial_and_ends_at_the_final_effort() -> None:
+    bench = in_run(0.5)
+    bench.controller.finish()
+    assert bench.finish().outcome == Outcome.CANCELLED
+    bench.until(lambda b: b.controller.at_final_effort, 1.0)
+    assert not bench.ticks[-1].effort_nm.any()
+
+
+def test_to_finish_between_trials_lets_the_held_arm_go() -> None:
+    bench = make_bench()
+    report = bench.run(reach())
+    bench.controller.finish()
+    bench.until(lambda b: b.controller.at_final_effort)
+    assert bench.controller.report is report
+    assert not bench.ticks[-1].effort_nm.any()
+
+
+def test_a_final_stop_of_an_arm_that_nobody_holds_commands_nothing() -> None:
+    bench = make_bench()
+    bench.controller.stop_for("button")
+    assert bench.step() is None
+    assert bench.controller.at_final_effort
+    with pytest.raises(TrajectoryError, match="stopped: button"):
+        bench.controller.start(reach())
+
+
+def test_an_arm_that_was_let_go_is_not_taken_hold_of_when_states_return() -> None:
+    bench = in_run(0.5)
+    bench.controller.stop_for("button")
+    bench.until(lambda b: b.controller.at_final_effort)
+    bench.controller.lose_states(LOST)
+    bench.time_ns += 3 * NS_PER_S
+    bench.arm.v = (1.0, 0.0)
+    bench.steps(0.2)
+    np.testing.assert_array_equal(bench.ticks[-1].effort_nm, 0.0)
+
+
+def test_an_effort_that_is_not_a_number_is_never_commanded() -> None:
+    bench = in_run(0.5)
+    law = bench.controller._law
+    bench.controller._law = dataclasses.replace(law, stiffness_nm_per_rad=np.full(2, np.nan))
+    assert bench.step().effort_nm.tolist() == [0.0, 0.0]
+    assert bench.controller.phase == Phase.STOP
+    bench.controller._law = law
+    report = bench.finish()
+    assert report.outcome == Outcome.ABORTED
+    assert "expected 2 finite numbers" in report.message
 
 
 def test_a_gap_between_trials_brakes_the_arm_and_leaves_the_report_alone() -> None:

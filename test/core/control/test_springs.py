@@ -48,12 +48,11 @@ def test_equal_springs_give_back_the_same_array() -> None:
 
 def test_the_learned_equilibrium_exerts_with_the_configured_springs_what_was_exerted() -> None:
     used = CONFIGURED.scaled(4.0)
-    no_limit = np.full(2, 1e9)
     u, q, v = np.random.default_rng(1).normal(size=(3, 40, 2))
     learned = learned_equilibrium(SpringChange(used, CONFIGURED), u, q, v)
-    exerted = EpLaw(used.stiffness_nm_per_rad, used.damping_nms_per_rad, no_limit).effort(u, q, v)[0]
-    would = EpLaw(CONFIGURED.stiffness_nm_per_rad, CONFIGURED.damping_nms_per_rad, no_limit)
-    np.testing.assert_allclose(would.effort(learned, q, v)[0], exerted, atol=1e-9)
+    exerted = EpLaw(used.stiffness_nm_per_rad, used.damping_nms_per_rad).effort(u, q, v)
+    would = EpLaw(CONFIGURED.stiffness_nm_per_rad, CONFIGURED.damping_nms_per_rad)
+    np.testing.assert_allclose(would.effort(learned, q, v), exerted, atol=1e-9)
 
 
 @pytest.mark.parametrize("factor", [10.1, 1 / 10.1])
@@ -94,8 +93,10 @@ def test_the_effort_does_not_jump_when_the_springs_change(before: float, after: 
     bench.run(stiff(before, offset))
     controller, last = bench.controller, bench.ticks[-1]
     pushed = ArmState(bench.states[-1].time_ns + 2_000_000, np.array([0.95, 1.05]), np.array([0.3, -0.2]))
-    held = controller.tick(pushed)
-    assert held is not None and controller.phase == Phase.HOLD
+    for _ in range(10):  # as long as the effort takes to grow to what the push calls for
+        pushed = dataclasses.replace(pushed, time_ns=pushed.time_ns + 2_000_000)
+        held = controller.tick(pushed)
+        assert held is not None and controller.phase == Phase.HOLD
     np.testing.assert_array_equal(held.equilibrium_rad, last.equilibrium_rad)
     assert np.abs(held.effort_nm).min() > 0.01
     controller.start(stiff(after, reach(index=2)))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from two_link import arm_config, reach
 
-from tel_ros.core.control.limits import Limits
 from tel_ros.core.control.records import ArmState, TrialGoal
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.safety.limits import Limits
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 
 LIMITS = Limits.of(

@@ -1,0 +1,97 @@
+"""The layer through which every effort goes before it may reach an arm, whoever computed it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tel_ros.core.config import ArmConfig, SafetyConfig
+from tel_ros.core.control.records import ArmState
+from tel_ros.core.errors import EffortError
+from tel_ros.core.safety.effort_limit import effort_limit
+from tel_ros.core.safety.effort_rate import EffortRate
+from tel_ros.core.safety.finite import require_finite
+from tel_ros.core.safety.motion_limits import MotionLimits
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
+
+LONGEST_GAP_S = 0.1
+"""After this long without a command an arm has no effort (docs/arm-contract.md, Silence)."""
+_MOST_PERIODS = 2.0
+
+
+class Permitted(NamedTuple):
+    """What the layer made of a wanted effort. Shapes (n_joints,)."""
+
+    effort_nm: FloatArray
+    changed: BoolArray
+
+
+class SafetyLayer:
+    """Makes a wanted effort one that the arm may get: at once, from the measured state and the last effort.
+
+    The rules, each of which wins over those before it: how fast efforts grow
+    (:class:`~tel_ros.core.safety.effort_rate.EffortRate`), soft joint limits and velocity limits
+    (:class:`~tel_ros.core.safety.motion_limits.MotionLimits`), effort limits. An effort that no rule
+    objects to passes unchanged, to the last bit.
+
+    Args:
+        arm: joints, springs and limits; its empty limits must have been filled from the URDF.
+        safety: the rules' numbers; what is empty is derived from the arm.
+        rate_hz: of states and commands.
+
+    Raises:
+        ConfigError: a value does not fit the arm.
+    """
+
+    def __init__(self, arm: ArmConfig, safety: SafetyConfig, rate_hz: float) -> None:
+        safety.require_fits(arm)
+        self.rate = EffortRate.of(arm, safety)
+        self.motion = MotionLimits.of(arm, safety)
+        self.limit = effort_limit(arm)
+        self._period_s = 1.0 / rate_hz
+        self._n_joints = len(arm.joints)
+        self._last_ns: int | None = None
+        self.last_nm = np.zeros(self._n_joints)
+        """What the arm was last permitted. Shape (n_joints,)."""
+
+    def _elapsed_s(self, time_ns: int) -> float:
+        """Return for how long efforts may have grown since the last one: two periods at most."""
+        if self._last_ns is None:
+            return self._period_s
+        return min((time_ns - self._last_ns) / NS_PER_S, _MOST_PERIODS * self._period_s)
+
+    def permit(self, state: ArmState, wanted_nm: FloatArray) -> Permitted:
+        """Return the effort that may be commanded in answer to a state.
+
+        After a gap, or stamps that went back, nobody knows what has acted on the arm: efforts grow from zero.
+
+        Args:
+            state: as measured.
+            wanted_nm: shape (n_joints,).
+
+        Raises:
+            EffortError: the effort is not finite. The last one is zero from then on, and that is what is to
+                be commanded: :meth:`none`.
+        """
+        try:
+            require_finite(wanted_nm, self._n_joints)
+        except EffortError:
+            self.none()
+            raise
+        if self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S:
+            self.none()
+        effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
+        effort_nm = self.motion.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
+        effort_nm = self.limit.nearest(effort_nm)
+        self._last_ns, self.last_nm = state.time_ns, effort_nm
+        return Permitted(effort_nm, effort_nm != wanted_nm)
+
+    def fading(self, time_ns: int) -> FloatArray:
+        """Return the effort to want for the last one to fade to zero. Shape (n_joints,)."""
+        return self.rate.towards_zero(self.last_nm, self._elapsed_s(time_ns))
+
+    def none(self) -> Permitted:
+        """Return no effort, and remember that there is none; zero is always permitted."""
+        self._last_ns, self.last_nm = None, np.zeros(self._n_joints)
+        return Permitted(self.last_nm, np.ones(self._n_joints, dtype=bool))

@@ -1,0 +1,142 @@
+"""The guard: brakes an arm whose controller is dead or hangs."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from tel_ros.core.errors import ConfigError, StateError
+from tel_ros.core.safety.awake_clock import AwakeClock
+from tel_ros.core.safety.guard import CommandGuard
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import JointStateReader
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
+from tel_ros.nodes.effort_channel import EffortChannel
+from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.runner import run_node
+from tel_ros.recording import topics
+
+NAME = "arm_guard"
+COMPLAINT_PERIOD_S = 1.0
+WATCHDOG_PERIOD_S = 0.02
+LOOK_PERIODS = 5.0
+"""Joint states that fail to come: after so many, this process or the arm stood still, not the controller."""
+
+
+class ArmGuardNode(Node):
+    """Hears states and commands, and is silent while commands come.
+
+    Its own process: it lives when the controller has crashed, was killed or hangs. It hears its own commands
+    as well, and knows them by the label.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        config = load_parameters(self, "arm", "control", "run", "safety", "sim")
+        if config.arm_waits_for_commands:
+            raise ConfigError(
+                "sim.clock",
+                config.sim.clock,
+                "'realtime' for a guard: in lockstep the arm waits for commands",
+            )
+        self._guard = CommandGuard(config.arm, config.control, config.safety)
+        self._reader = JointStateReader(config.arm.joints, config.control)
+        self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
+        self._channel = EffortChannel(self, len(config.arm.joints), author=NAME)
+        self._channel.open(self._guard.safety)
+        self._timeout_s = config.safety.command_timeout_s
+        self._state_timeout_s = config.control.state_timeout_s
+        self._state_at = time.monotonic()
+        self._blind = False
+        self._takeovers = 0
+        self._commands = 0
+        # Commands first: one that has come with a state is heard before anybody asks whether one has come.
+        self.busy_subscriptions = [
+            self.create_subscription(kind, topic, heard, qos.NEWEST, callback_group=BusyGroup())
+            for kind, topic, heard in (
+                (Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
+                (JointState, topics.JOINT_STATES, self._on_joint_state),
+            )
+        ]
+        self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
+        self._diagnostics = Diagnostics(self, self._health)
+        self.get_logger().info(f"watches {topics.EFFORT_COMMANDS}")
+
+    def stop(self) -> None:
+        """Go on watching until there is nothing to watch."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the arm has what it is to be left with, or there is nothing to brake it with."""
+        return self._guard.at_final_effort or self._blind
+
+    def destroy_node(self) -> None:
+        """Take a command back that is not to stay."""
+        if self._guard.active and not self._guard.at_final_effort:
+            self._guard.safety.none()
+            self._channel.send(0)
+        super().destroy_node()
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        if message.layout.dim and message.layout.dim[0].label == NAME:
+            return
+        self._commands += 1
+        if self._guard.active:
+            self.get_logger().warning("commands come again: the guard yields")
+        self._guard.on_command(np.array(message.data), self._awake.look(time.monotonic()))
+
+    def _on_joint_state(self, message: JointState) -> None:
+        try:
+            state = self._reader.read(message)
+        except StateError as error:
+            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
+            return
+        self._state_at, self._blind = time.monotonic(), False
+        now_s, was_active = self._awake.look(self._state_at), self._guard.active
+        answer = self._guard.on_state(state, now_s)
+        if answer is None:
+            return
+        self._channel.send(state.time_ns)
+        if not was_active:
+            self._takeovers += 1
+            self.get_logger().error(
+                f"no command for {self._timeout_s:g} s: the guard takes over and brakes the arm"
+            )
+
+    def _watch_states(self) -> None:
+        """Without states there is nothing to brake with."""
+        if self._blind or not self._guard.active:
+            return
+        if time.monotonic() - self._state_at > self._state_timeout_s:
+            self._blind = True
+            self.get_logger().error(f"no joint state for {self._state_timeout_s:g} s: zero effort")
+            self._guard.safety.none()
+            self._channel.send(0)
+
+    def _health(self) -> Health:
+        values = {
+            "commands": self._commands,
+            "take_overs": self._takeovers,
+            "joint_state_age_s": f"{time.monotonic() - self._state_at:.3f}",
+        }
+        if not self._guard.active:
+            told = f"watches the commands; took over {self._takeovers} times" if self._takeovers else ""
+            return Health(Level.WARN if told else Level.OK, told or "watches the commands", values)
+        if self._blind:
+            return Health(Level.ERROR, "commands and joint states have stopped: zero effort", values)
+        done = "the arm rests" if self._guard.at_final_effort else "the arm is braked"
+        return Health(Level.ERROR, f"commands have stopped: {done}", values)
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(ArmGuardNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Health of a node on ``/diagnostics``: once a second, and at once when it changes.
+
+``diagnostic_updater`` does this elsewhere; it is not to be had as a wheel, so the messages are made here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+
+from tel_ros.recording import topics
+
+PERIOD_S = 1.0
+_LOOK_PERIOD_S = 0.1
+_DEPTH = 10
+
+
+class Level(Enum):
+    """How bad it is; numbers as in ``DiagnosticStatus``."""
+
+    OK = DiagnosticStatus.OK
+    WARN = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+
+
+@dataclass(frozen=True)
+class Health:
+    """How a node is: level and message for a person, values for whoever wants to know more."""
+
+    level: Level
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Publishes a node's health.
+
+    Args:
+        node: the node; the status carries its name.
+        health: asked ten times a second; a change of level or message is published at once.
+        group: of the timer.
+    """
+
+    def __init__(self, node: Node, health: Callable[[], Health], group: CallbackGroup | None = None) -> None:
+        self._node, self._health = node, health
+        self._pub = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, _DEPTH)
+        self._said: tuple[Level, str] | None = None
+        self._next_at = 0.0
+        node.create_timer(_LOOK_PERIOD_S, self._look, callback_group=group)
+
+    def _look(self) -> None:
+        health, now = self._health(), time.monotonic()
+        if now >= self._next_at or (health.level, health.message) != self._said:
+            self._publish(health, now)
+
+    def publish(self) -> None:
+        """Publish now; for a node that is about to be busy for long."""
+        self._publish(self._health(), time.monotonic())
+
+    def _publish(self, health: Health, now: float) -> None:
+        self._said, self._next_at = (health.level, health.message), now + PERIOD_S
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
+        name = self._node.get_name()
+        array.status = [
+            DiagnosticStatus(
+                level=health.level.value, name=name, message=health.message, hardware_id="", values=values
+            )
+        ]
+        self._pub.publish(array)
+
+
+class RateMeter:
+    """Counts what arrives and says how often a second, from one question to the next a second or more later.
+
+    Counting is all that happens where it is busy.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._last_count, self._last_at, self._rate_hz = 0, time.monotonic(), 0.0
+
+    def rate_hz(self) -> float:
+        """Return the rate over the last second or so (wall clock)."""
+        elapsed_s = time.monotonic() - self._last_at
+        if elapsed_s >= PERIOD_S:
+            self._rate_hz = (self.count - self._last_count) / elapsed_s
+            self._last_count, self._last_at = self.count, time.monotonic()
+        return self._rate_hz

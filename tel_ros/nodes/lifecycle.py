@@ -1,0 +1,163 @@
+"""Managed nodes: a base that says why it refuses a transition, and the client that brings one up.
+
+The states and transitions are those of ROS 2's managed nodes
+(https://design.ros2.org/articles/node_lifecycle.html). What is added here: a transition is refused with a
+reason, an error in a transition is logged, and a request for a transition that does not exist in the present
+state is answered. In rclpy 7.1 it would end the process, which may be holding an arm.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+
+from tel_ros.core.errors import TelError
+from tel_ros.nodes.waiting import DeclinedError, ask
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+FAILURE = TransitionCallbackReturn.FAILURE
+ERROR = TransitionCallbackReturn.ERROR
+
+
+class TransitionRefusedError(TelError):
+    """A managed node does not do a transition now; it stays in the state that it is in."""
+
+
+class ManagedNode(LifecycleNode):
+    """A managed node whose hooks raise :class:`TransitionRefusedError` to refuse a transition.
+
+    A shutdown cannot be refused. After an error that nobody expected, :meth:`give_up` is called and the node
+    is unconfigured.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.refusal = ""
+        """Why the last transition that was asked for was refused; empty after one that was not."""
+        service = self._service_change_state
+        change_state = service.callback
+
+        def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                return change_state(request, response)
+            except rclpy_implementation.RCLError as error:
+                self._refuse(f"transition {request.transition.id} does not start from {self.lifecycle_state}")
+                self.get_logger().debug(str(error))
+                response.success = False
+                return response
+
+        service.callback = answer
+
+    @property
+    def lifecycle_state(self) -> str:
+        """The state that the node is in: ``unconfigured``, ``inactive``, ``active``, ``finalized``."""
+        return str(self._state_machine.current_state[1])
+
+    def configure(self) -> None:
+        """Get ready, without any effect on the outside."""
+
+    def activate(self) -> None:
+        """Begin to act."""
+
+    def deactivate(self) -> None:
+        """Stop acting."""
+
+    def cleanup(self) -> None:
+        """Undo :meth:`configure`."""
+
+    def shutdown(self) -> None:
+        """Stop acting for good, in whatever state the node is."""
+
+    def give_up(self) -> None:
+        """Make safe whatever a failed transition may have left behind."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure."""
+        return self._do(self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate."""
+        return self._do(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate."""
+        return self._do(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        return self._do(self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Shut down."""
+        return self._do(self.shutdown)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make safe what a failed transition has left behind."""
+        return self._do(self.give_up)
+
+    def _do(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            hook()
+        except TransitionRefusedError as refusal:
+            self._refuse(f"{hook.__name__} is refused: {refusal}")
+            return FAILURE
+        except Exception:  # rclpy would swallow it without a word
+            self.get_logger().error(f"{hook.__name__} failed:\n{traceback.format_exc()}")
+            return ERROR
+        self.refusal = ""
+        self.get_logger().info(f"{hook.__name__}: done")
+        return SUCCESS
+
+    def _refuse(self, why: str) -> None:
+        self.refusal = why
+        self.get_logger().warning(why)
+
+
+class LifecycleClient:
+    """Asks a managed node for its state, and for transitions.
+
+    Args:
+        node: whose client it is; some other thread has to spin it.
+        managed: name of the managed node.
+        group: for the clients.
+    """
+
+    def __init__(self, node: Node, managed: str, group: CallbackGroup) -> None:
+        self._managed = managed
+        self._get = node.create_client(GetState, f"/{managed}/get_state", callback_group=group)
+        self._change = node.create_client(ChangeState, f"/{managed}/change_state", callback_group=group)
+
+    def bring_up(self, timeout_s: float, poll: Callable[[], None] = lambda: None) -> None:
+        """Configure and activate the node, as far as it is not.
+
+        Args:
+            timeout_s: for each answer (wall clock).
+            poll: called ten times a second meanwhile; may raise to end the waiting.
+
+        Raises:
+            NoAnswerError: the node does not answer.
+            DeclinedError: it cannot be configured or activated.
+        """
+        steps = {
+            State.PRIMARY_STATE_UNCONFIGURED: (Transition.TRANSITION_CONFIGURE, "configured"),
+            State.PRIMARY_STATE_INACTIVE: (Transition.TRANSITION_ACTIVATE, "activated"),
+        }
+        while True:
+            state = ask(self._get, GetState.Request(), timeout_s, poll).current_state
+            if state.id == State.PRIMARY_STATE_ACTIVE:
+                return
+            if state.id not in steps:
+                raise DeclinedError(
+                    f"{self._managed} is {state.label}; expected a node that can be activated"
+                )
+            transition, done = steps[state.id]
+            request = ChangeState.Request(transition=Transition(id=transition))
+            if not ask(self._change, request, timeout_s, poll).success:
+                raise DeclinedError(f"{self._managed} could not be {done}; its log says why")

@@ -1,0 +1,78 @@
+"""The controller as a managed node: what it does in which state, and the transitions that it refuses."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+import pytest
+from graph_harness import Graph
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import GetState
+from std_msgs.msg import Float64MultiArray
+from tel_interfaces.msg import ControlState, TrialResult
+
+from tel_ros.recording import topics
+
+StartGraph = Callable[..., Graph]
+pytestmark = pytest.mark.timeout(200)
+
+
+def state(running: Graph) -> int:
+    answer = running.call(GetState, f"/{topics.EP_CONTROLLER}/get_state", GetState.Request())
+    return int(answer.current_state.id)
+
+
+def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: StartGraph) -> None:
+    running = graph(["sim_bridge", "ep_controller"])
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.spin_until(running.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+
+    def refused(reason: str) -> None:
+        result = running.result(running.send(running.goal()))
+        assert result.outcome == TrialResult.REFUSED
+        assert reason in result.message
+        assert commands == []
+
+    refused("ep_controller is unconfigured; expected active")
+    assert not running.change_state(Transition.TRANSITION_ACTIVATE)  # it has to be configured first
+    assert running.change_state(Transition.TRANSITION_CONFIGURE)
+    refused("ep_controller is inactive; expected active")
+    assert running.change_state(Transition.TRANSITION_CLEANUP)
+    running.wait_for_controller()
+    assert commands == []  # active, and nobody has asked for a trial
+
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    handle = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.phase == ControlState.RUN for s in states[-50:]), 90.0, "RUN")
+    assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
+    assert state(running) == State.PRIMARY_STATE_ACTIVE
+    assert "deactivate is refused: a trial is under way" in running.log("ep_controller")
+    result = running.result(handle)
+    assert result.outcome == TrialResult.COMPLETED, result.message
+
+    assert running.change_state(Transition.TRANSITION_DEACTIVATE)
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
+    assert state(running) == State.PRIMARY_STATE_INACTIVE
+    commands.clear()
+    refused("ep_controller is inactive; expected active")
+    # And it can be used again.
+    assert running.change_state(Transition.TRANSITION_ACTIVATE)
+    again = running.result(running.send(running.goal()))
+    assert again.outcome == TrialResult.COMPLETED, again.message
+
+
+def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None:
+    running = graph(["sim_bridge", "ep_controller"])
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.wait_for_controller()
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    handle = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    result = running.result(handle)
+    assert result.outcome == TrialResult.CANCELLED
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
+    assert max(abs(v) for v in states[-1].velocity_rad_s) < 0.1
+    assert state(running) == State.PRIMARY_STATE_FINALIZED
+    running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever

@@ -1,0 +1,134 @@
+"""The emergency stop in software, and the guard of a controller that is gone."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph_harness import PATIENT, QUICK, Graph, TelProcess, summary_of
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64MultiArray
+from std_srvs.srv import Trigger
+from tel_interfaces.msg import ControlState, TrialResult
+
+from tel_ros.nodes import qos
+from tel_ros.recording import topics
+
+StartGraph = Callable[..., Graph]
+pytestmark = pytest.mark.timeout(200)
+
+
+def trigger(running: Graph, name: str) -> Trigger.Response:
+    return running.call(Trigger, name, Trigger.Request())
+
+
+def test_an_emergency_stop_brakes_the_arm_and_lasts_until_its_reset(graph: StartGraph) -> None:
+    running = graph(["sim_bridge", "ep_controller"], *PATIENT)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
+    stopped: list[Bool] = []
+    running.node.create_subscription(Bool, topics.SAFETY_STOPPED, stopped.append, qos.LATCHED)
+    running.wait_for_controller()
+    assert not trigger(running, topics.SAFETY_RESET).success  # there is nothing to reset
+    trial = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    assert trigger(running, topics.SAFETY_STOP).success
+    running.spin_until(lambda: bool(stopped) and stopped[-1].data, 10.0, "the latched topic")
+    result = running.result(trial)
+    assert result.outcome == TrialResult.ABORTED
+    assert "emergency stop (/safety/stop)" in result.message
+    # safety.final_effort is zero: first the brake, then nothing.
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 20.0, "zero effort")
+    braking = [s for s in states if s.trial and s.phase == ControlState.STOP]
+    assert np.abs(braking[-1].velocity_rad_s).max() < 0.1
+    assert np.abs(braking[0].velocity_rad_s).max() > 0.3  # it was in mid-motion
+
+    refused = running.result(running.send(running.goal()))
+    assert refused.outcome == TrialResult.REFUSED
+    assert "emergency stop" in refused.message
+    running.spin_until(lambda: trigger(running, topics.SAFETY_RESET).success, 20.0, "the reset")
+    running.spin_until(lambda: not stopped[-1].data, 10.0, "the latched topic")
+    again = running.result(running.send(running.goal()))
+    assert again.outcome == TrialResult.COMPLETED, again.message
+
+
+def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -> None:
+    running = graph(["sim_bridge", "ep_controller"], *PATIENT)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    running.wait_for_controller()
+    running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    # The arm's time stands still with its process: it is in mid-motion for as long as that lasts.
+    running.signal("sim_bridge", signal.SIGSTOP)
+    try:
+        assert trigger(running, topics.SAFETY_STOP).success
+        answer = trigger(running, topics.SAFETY_RESET)
+    finally:
+        running.signal("sim_bridge", signal.SIGCONT)
+    assert not answer.success
+    assert "not at rest yet" in answer.message
+
+
+def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_after_aborts(
+    tel: Callable[..., TelProcess], domain: int
+) -> None:
+    run = tel(*QUICK, "practice.strategy=adaptive_extension")
+    run.wait_until_moving(trial=1)
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    try:
+        node = Node("person", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        client = node.create_client(Trigger, topics.SAFETY_STOP)
+        assert client.wait_for_service(20.0)
+        answer = client.call_async(Trigger.Request())
+        executor.spin_until_future_complete(answer, 20.0)
+        assert answer.result().success
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
+    code, out, err = run.finish()
+    assert code == 1
+    assert "emergency stop: as long as ep_controller runs on, nothing moves" in err
+    summary = summary_of(out)
+    assert summary["outcome"] == "aborted"
+    assert summary["trials"][-1]["outcome"] == "aborted"
+    assert "emergency stop (/safety/stop)" in summary["trials"][-1]["message"]
+
+
+def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed(graph: StartGraph) -> None:
+    nodes = ["sim_bridge", "arm_guard", "ep_controller"]
+    running = graph(nodes, *PATIENT, "sim.clock=realtime", "safety.guard=always", "control.corridor_rad=2.5")
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
+    states = running.listen(ControlState, topics.CONTROL_STATES)
+    arm = running.listen(JointState, topics.JOINT_STATES)
+    health: list[DiagnosticArray] = running.listen(DiagnosticArray, topics.DIAGNOSTICS)
+
+    def guard_says(level: bytes, text: str) -> bool:
+        said = [s for array in health[-10:] for s in array.status if s.name == "arm_guard"]
+        return bool(said) and said[-1].level == level and text in said[-1].message
+
+    running.wait_for_controller()
+    running.spin_until(lambda: guard_says(DiagnosticStatus.OK, "watches"), 20.0, "the guard")
+    assert commands == []
+    running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    running.signal("ep_controller", signal.SIGKILL)
+    heard = len(commands)
+
+    def by_guard() -> list[Float64MultiArray]:
+        return [m for m in commands[heard:] if m.layout.dim[0].label == "arm_guard"]
+
+    running.spin_until(lambda: any(np.any(m.data) for m in by_guard()), 20.0, "the guard's brake")
+    running.spin_until(lambda: guard_says(DiagnosticStatus.ERROR, "commands"), 20.0, "the alarm")
+    running.spin_until(lambda: np.abs(arm[-1].velocity).max() < 0.05, 20.0, "rest")
+    running.spin_until(lambda: not np.any(by_guard()[-1].data), 20.0, "zero effort")
+    assert "takes over" in running.log("arm_guard")
