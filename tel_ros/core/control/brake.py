@@ -24,7 +24,8 @@ class SpringBrake:
     last at rest is kept all the time, and the deflection beyond it is halved whenever a joint turns round
     and its spring would push it along. Half of what a spring has given way by when a weight that fell into
     it turns round is just what carries the weight: so the deflection finds the load of another posture by
-    itself. A spring then gives back at most a quarter of the energy that it has taken up, each time.
+    itself. A spring then gives back at most a quarter of the energy that it has taken up, each time. Where
+    nobody knows the load, what is kept counts as load from then on.
 
     Args:
         position_rad: where to latch. Shape (n_joints,).
@@ -34,6 +35,7 @@ class SpringBrake:
 
     def __init__(self, position_rad: FloatArray, load_rad: FloatArray | None) -> None:
         self._load_rad = np.zeros_like(position_rad) if load_rad is None else load_rad.copy()
+        self._searches = load_rad is None
         self._one_way = load_rad is not None and not load_rad.any()
         self._equilibrium_rad = position_rad + self._load_rad
         self._direction = np.zeros_like(position_rad)
@@ -59,7 +61,8 @@ class SpringBrake:
         direction = np.where(moving, np.sign(velocity_rad_s), self._direction)
         turned = (direction * self._direction < 0.0) & (beyond * direction > 0.0)
         self._direction = direction
-        self._equilibrium_rad = np.where(
-            turned, position_rad + self._load_rad + KEPT_SHARE * beyond, self._equilibrium_rad
-        )
+        kept = KEPT_SHARE * beyond
+        self._equilibrium_rad = np.where(turned, position_rad + self._load_rad + kept, self._equilibrium_rad)
+        if self._searches:
+            self._load_rad = np.where(turned, self._load_rad + kept, self._load_rad)
         return self._equilibrium_rad
