@@ -228,7 +228,7 @@ def test_practice_can_be_started_at_once(launch_file: ModuleType, tmp_path: Path
     ("arguments", "complaint"),
     [
         ({"config": str(ROOT / "config" / "planar_arm.yaml")}, "run.arm is 'sim'; expected 'external'"),
-        ({"effort": "inactive"}, "effort is 'inactive'; expected 'active', because start is 'all'"),
+        ({"commands": "inactive"}, "commands is 'inactive'; expected 'active', because start is 'all'"),
         ({"start": "driver", "run_dir": "bags/x"}, "run_dir is 'bags/x'; expected nothing"),
     ],
 )
@@ -250,7 +250,7 @@ def test_nothing_starts_when_the_controllers_are_for_another_arm(
 def test_an_inactive_effort_controller_is_asked_for_by_the_option_of_the_spawner(
     launch_file: ModuleType, tmp_path: Path
 ) -> None:
-    started = Started(launch_file, start="driver", effort="inactive")
+    started = Started(launch_file, start="driver", commands="inactive")
     started.end("spawner", 0)
     assert "--inactive" in [str(a) for a in started.next[0]._Node__arguments]
 

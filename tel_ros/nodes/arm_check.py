@@ -187,17 +187,17 @@ class ArmClient:
         self._pub.publish(self._command.fill(answered_ns, effort_nm))
 
 
-def endpoints(client: ArmClient) -> dict[str, list[tuple[str, str, str]]]:
+def endpoints(client: ArmClient, command_topic: str) -> dict[str, list[tuple[str, str, str]]]:
     """Return who else is on the arm's topics: node, type and reliability of each.
 
     Keys: ``states`` for publishers of joint states, ``commanders`` for publishers and ``listeners`` for
-    subscriptions of effort commands. The client itself is left out.
+    subscriptions of commands. The client itself is left out.
     """
     node = client.node
     return {
         "states": _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
-        "commanders": _others(node, node.get_publishers_info_by_topic(topics.EFFORT_COMMANDS)),
-        "listeners": _others(node, node.get_subscriptions_info_by_topic(topics.EFFORT_COMMANDS)),
+        "commanders": _others(node, node.get_publishers_info_by_topic(command_topic)),
+        "listeners": _others(node, node.get_subscriptions_info_by_topic(command_topic)),
     }
 
 

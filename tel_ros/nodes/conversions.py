@@ -90,13 +90,13 @@ class JointStateReader:
 
 
 class EffortCommand:
-    """The effort command, marked with the stamp of the joint state that it answers.
+    """The command (efforts, or equilibrium points), marked with the stamp of the joint state that it answers.
 
-    Stock effort controllers do not look at the layout of the array. The simulated arm in lockstep and the
+    Stock controllers do not look at the layout of the array. The simulated arm in lockstep and the
     recorder do: its one dimension is labelled with that stamp, in nanoseconds.
 
     Args:
-        n_joints: number of efforts.
+        n_joints: number of values.
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -104,10 +104,10 @@ class EffortCommand:
         self.message = Float64MultiArray()
         self.message.layout.dim = [self._dimension]
 
-    def fill(self, stamp_ns: int, effort_nm: FloatArray) -> Float64MultiArray:
+    def fill(self, stamp_ns: int, values: FloatArray) -> Float64MultiArray:
         """Return the message, which is the same one every time."""
         self._dimension.label = str(stamp_ns)
-        self.message.data = to_array(effort_nm)
+        self.message.data = to_array(values)
         return self.message
 
 

@@ -1,16 +1,15 @@
-"""The equilibrium-point controller: joint states in, effort commands out, one trial at a time."""
+"""The equilibrium-point controller: joint states in, commands out, one trial at a time."""
 
 from __future__ import annotations
 
 import math
 import time
 
-import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialResult
 
@@ -18,9 +17,9 @@ from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.records import ArmState, Outcome, Tick
 from tel_ros.core.errors import StateError, TelError, TrajectoryError
 from tel_ros.nodes import qos
+from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import (
     ControlStateFiller,
-    EffortCommand,
     JointStateReader,
     idle_state,
     to_goal,
@@ -38,7 +37,7 @@ COMPLAINT_PERIOD_S = 1.0
 
 
 class EpControllerNode(Node):
-    """Answers every joint state with an effort command while a trial is under way or its end is held.
+    """Answers every joint state with a command while a trial is under way or its end is held.
 
     Before the first trial nothing is commanded. An arm whose time stands still without commands (the
     simulated one in lockstep) is left alone between trials as well, so that a run does not depend on how
@@ -56,7 +55,6 @@ class EpControllerNode(Node):
         )
         self._reader = JointStateReader(self._joints, config.control)
         self._estimated: tuple[str, ...] = ()
-        self._command = EffortCommand(len(self._joints))
         self._control_state = ControlStateFiller()
         self._goal_handle: ServerGoalHandle | None = None
         self._seen: ArmState | None = None
@@ -64,7 +62,7 @@ class EpControllerNode(Node):
         self._last_state_at = -math.inf
         self._commanding = False
 
-        self._effort_pub = self.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, qos.STREAM)
+        self._commands = CommandChannel(self, config.arm)
         self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
         self.busy_subscriptions = [
             self.create_subscription(
@@ -106,9 +104,9 @@ class EpControllerNode(Node):
         return not self._controller.active
 
     def destroy_node(self) -> None:
-        """Command zero effort, then go."""
+        """Let the arm go (zero effort, unless its drives hold it), then go."""
         if self._commanding:
-            self._publish_zero()
+            self._let_go()
         self._server.destroy()
         super().destroy_node()
 
@@ -130,7 +128,7 @@ class EpControllerNode(Node):
             self._answer(state)
         elif self._controller.active:
             # A waiting arm repeats its state until it gets the answer.
-            self._effort_pub.publish(self._command.message)
+            self._commands.repeat()
 
     def _say_what_is_estimated(self) -> None:
         self._estimated = self._reader.estimated
@@ -151,13 +149,12 @@ class EpControllerNode(Node):
 
     def _publish(self, trial: int, state: ArmState, tick: Tick) -> None:
         self._commanding, self._answered_ns = True, state.time_ns
-        self._effort_pub.publish(self._command.fill(state.time_ns, tick.effort_nm))
+        self._commands.send(state.time_ns, tick)
         self._state_pub.publish(self._control_state.fill(trial, state, tick))
 
-    def _publish_zero(self) -> None:
+    def _let_go(self) -> None:
         self._commanding = False
-        stamp_ns = self._seen.time_ns if self._seen else 0
-        self._effort_pub.publish(self._command.fill(stamp_ns, np.zeros(len(self._joints))))
+        self._commands.let_go(self._seen.time_ns if self._seen else 0)
 
     def _states_are_fresh(self) -> bool:
         return time.monotonic() - self._last_state_at < self._state_timeout_s
@@ -166,8 +163,8 @@ class EpControllerNode(Node):
         if self._states_are_fresh() or not (self._commanding or self._controller.active):
             return
         message = f"no joint state for {self._state_timeout_s} s"
-        self.get_logger().error(f"{message}: zero effort")
-        self._publish_zero()
+        self.get_logger().error(f"{message}: {self._commands.let_go_text}")
+        self._let_go()
         self._controller.lose_states(message)
         self._finish_trial()
 
@@ -175,8 +172,8 @@ class EpControllerNode(Node):
         try:
             if not self._states_are_fresh():
                 raise StateError(f"no joint states on {topics.JOINT_STATES}")
-            if self._effort_pub.get_subscription_count() == 0:
-                raise StateError(f"nobody listens to {topics.EFFORT_COMMANDS}")
+            if not self._commands.is_heard:
+                raise StateError(f"nobody listens to {self._commands.topic}")
             if self._goal_handle is not None:
                 raise TrajectoryError("another trial is under way; one trial at a time")
             goal = to_goal(goal_handle.request.goal, self._joints)
@@ -226,7 +223,7 @@ class EpControllerNode(Node):
         return ExecuteTrial.Result(result=result)
 
     def _publish_ready(self) -> None:
-        ready = self._states_are_fresh() and self._effort_pub.get_subscription_count() > 0
+        ready = self._states_are_fresh() and self._commands.is_heard
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)

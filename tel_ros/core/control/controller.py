@@ -12,6 +12,7 @@ from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.control.limits import Limits
 from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
 from tel_ros.core.errors import TrajectoryError
@@ -52,6 +53,9 @@ class EpController:
             self._springs.stiffness_nm_per_rad,
             self._springs.damping_nms_per_rad,
             np.array(arm.effort_limit_nm),
+        )
+        self._set_point = (
+            SetPointGuard(arm, control.state_timeout_s) if arm.command_interface == "position" else None
         )
         self._control = control
         self._n_joints = len(arm.joints)
@@ -107,6 +111,8 @@ class EpController:
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         if goal.springs is not None:
             goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
+            if self._set_point is not None and not goal.springs.equal(self._configured):
+                raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
         self._goal, self.report = goal, None
         self._outcome, self._message = Outcome.COMPLETED, ""
         self._score, self._ticks, self._run_ns, self._start_ns = TrackingScore(self._n_joints), 0, 0, 0
@@ -152,8 +158,13 @@ class EpController:
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(state)
-        effort, saturated = self._law.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
-        self._equilibrium = target.equilibrium
+        equilibrium = target.equilibrium
+        if self._set_point is not None:
+            equilibrium, held_back = self._set_point.follow(equilibrium, state)
+        effort, saturated = self._law.effort(equilibrium, state.position_rad, state.velocity_rad_s)
+        if self._set_point is not None:
+            saturated = saturated | held_back
+        self._equilibrium = equilibrium
         if self.phase == Phase.RUN:
             self._score.add(state.position_rad - target.position, effort, saturated)
         tick = Tick(
@@ -162,7 +173,7 @@ class EpController:
             desired_position_rad=target.position,
             desired_velocity_rad_s=target.velocity,
             desired_acceleration_rad_s2=target.acceleration,
-            equilibrium_rad=target.equilibrium,
+            equilibrium_rad=equilibrium,
             effort_nm=effort,
             saturated=saturated,
         )
