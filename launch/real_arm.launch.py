@@ -7,9 +7,9 @@ ros2 launch tel_ros real_arm.launch.py config:=my_run.yaml controllers:=my_contr
 ... run_dir:=bags/monday                driver, nodes and practice; the run goes to that folder
 
 The driver is the controller manager with the hardware component that the URDF names, joint_state_broadcaster
-and the controller for arm.command_interface: effort_controller (effort_controllers/JointGroupEffortController)
-or position_controller (forward_command_controller/ForwardCommandController, of positions). Names of packages,
-executables, arguments and topics are those of ros2_control for Jazzy:
+and, as arm.command_interface says, effort_controller, an effort_controllers/JointGroupEffortController,
+or position_controller, a forward_command_controller/ForwardCommandController. Names of packages, executables,
+arguments and topics are those of ros2_control for Jazzy:
 https://control.ros.org/jazzy/doc/ros2_control/controller_manager/doc/userdoc.html
 """
 
