@@ -273,9 +273,7 @@ joint's effort limit. The iiwa's file allows 300 N·m at the wrist as well; 1 % 
 the wrist's springs, and in the first trial, without a model, the wrist sticks most of the time. Made without
 ROS, tick for tick like the graph, by `benchmarks/arms.py`.
 
-**Under gravity an abort lets the arm down.** The brake after an abort only ever takes energy out, so it gives
-way to a weight: the simulated iiwa sank by up to 2 rad before it came to rest. On a real arm that gravity
-acts on, support it.
+After an abort the springs brake the arm and go on carrying its weight: [safety.md](safety.md).
 
 **{met} of {len(judged)} targets are met.**
 

@@ -2,12 +2,13 @@
 
 ros2 launch tel_ros real_arm.launch.py config:=my_run.yaml controllers:=my_controllers.yaml start:=driver
     the driver alone, for `tel practice` in another terminal: the way to begin (docs/real-arm.md)
-... start:=driver effort:=inactive      no command reaches the motors; joint states can be looked at
+... start:=driver commands:=inactive    no command reaches the motors; joint states can be looked at
 ... start:=nodes                        the nodes of tel_ros alone, for a driver that runs already
 ... run_dir:=bags/monday                driver, nodes and practice; the run goes to that folder
 
 The driver is the controller manager with the hardware component that the URDF names, joint_state_broadcaster
-and effort_controller (an effort_controllers/JointGroupEffortController). Names of packages, executables,
+and, as arm.command_interface says, effort_controller, an effort_controllers/JointGroupEffortController,
+or position_controller, a forward_command_controller/ForwardCommandController. Names of packages, executables,
 arguments and topics are those of ros2_control for Jazzy:
 https://control.ros.org/jazzy/doc/ros2_control/controller_manager/doc/userdoc.html
 """
@@ -28,14 +29,17 @@ if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription
     from launch.events.process import ProcessExited
 
-BROADCASTER, CONTROLLER = "joint_state_broadcaster", "effort_controller"
-"""Names of the controllers; with them, the topics are those of docs/architecture.md."""
+BROADCASTER = "joint_state_broadcaster"
+CONTROLLERS = {"effort": "effort_controller", "position": "position_controller"}
+"""Name of the controller for each command interface; with it, the topic is that of docs/architecture.md."""
+PATTERNS = {"effort": "controllers.yaml", "position": "controllers_position.yaml"}
+"""Files in config/ros2_control."""
 
 
 def check_controllers(file: Path, config: Config) -> None:
     """Make sure that the controllers are set up for this arm.
 
-    The effort command is an array without names: joints in another order would get each other's efforts.
+    The command is an array without names: joints in another order would get each other's commands.
 
     Args:
         file: parameters of the controller manager and the two controllers.
@@ -55,7 +59,12 @@ def check_controllers(file: Path, config: Config) -> None:
             raise ConfigError(f"{node}.ros__parameters.{key}", found, f"{expected!r}, {why}", str(file))
 
     require("controller_manager", "update_rate", config.control.rate_hz, "as control.rate_hz")
-    require(CONTROLLER, "joints", list(config.arm.joints), "as arm.joints, in that order")
+    controller = CONTROLLERS[config.arm.command_interface]
+    require(controller, "joints", list(config.arm.joints), "as arm.joints, in that order")
+    if config.arm.command_interface == "position":
+        require(controller, "interface_name", "position", "as arm.command_interface")
+        # It would change set points, and nobody would learn of it.
+        require("controller_manager", "enforce_command_limits", False, "since set points are not positions")
 
 
 def check_description(file: Path, config: Config) -> None:
@@ -76,7 +85,10 @@ def check_description(file: Path, config: Config) -> None:
         raise InputFileError(file, f"not readable ({error})", "a URDF file (key arm.urdf)") from None
     joints = {joint.get("name"): joint for joint in root.findall("ros2_control/joint")}
     for name in config.arm.joints:
-        for kind, interface in (("command_interface", "effort"), ("state_interface", "position")):
+        for kind, interface in (
+            ("command_interface", config.arm.command_interface),
+            ("state_interface", "position"),
+        ):
             joint = joints.get(name)
             if joint is None or not any(found.get("name") == interface for found in joint.findall(kind)):
                 raise InputFileError(
@@ -104,12 +116,15 @@ def start_arm(context: LaunchContext) -> list[Any]:
     def argument(name: str) -> str:
         return str(context.launch_configurations[name])
 
-    config_file, controllers = Path(argument("config")).resolve(), Path(argument("controllers")).resolve()
+    config_file = Path(argument("config")).resolve()
     config = load_config(config_file)
     check_arm(config, config_file)
-    start, effort, run_dir = argument("start"), argument("effort"), argument("run_dir")
-    if effort == "inactive" and start != "driver":
-        raise ConfigError("effort", effort, f"'active', because start is {start!r}")
+    pattern = default_config_file().parent / "ros2_control" / PATTERNS[config.arm.command_interface]
+    controllers = Path(argument("controllers") or pattern).resolve()
+    controller = CONTROLLERS[config.arm.command_interface]
+    start, commands, run_dir = argument("start"), argument("commands"), argument("run_dir")
+    if commands == "inactive" and start != "driver":
+        raise ConfigError("commands", commands, f"'active', because start is {start!r}")
     if run_dir and start == "driver":
         raise ConfigError("run_dir", run_dir, "nothing, because start is 'driver'")
     if start == "nodes":
@@ -128,15 +143,15 @@ def start_arm(context: LaunchContext) -> list[Any]:
         return go_on
 
     last = _nodes(config, config_file, run_dir) if start == "all" else []
-    last.insert(0, LogInfo(msg=f"the driver is up, {CONTROLLER} is {effort}"))
+    last.insert(0, LogInfo(msg=f"the driver is up, {controller} is {commands}"))
     options = [
         "--param-file",
         str(controllers),
         "--controller-manager-timeout",
         str(config.run.arm_timeout_s),
     ]
-    passive = ["--inactive"] if effort == "inactive" else []
-    spawn_controller = _spawner(CONTROLLER, [*options, *passive], after(CONTROLLER, last))
+    passive = ["--inactive"] if commands == "inactive" else []
+    spawn_controller = _spawner(controller, [*options, *passive], after(controller, last))
     # One after the other: no controller is started for an arm whose state cannot be read.
     spawn_broadcaster = _spawner(BROADCASTER, options, after(BROADCASTER, [spawn_controller]))
     return [*_controller_manager(config, controllers), spawn_broadcaster]
@@ -224,8 +239,8 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "controllers",
-                default_value=str(folder / "ros2_control" / "controllers.yaml"),
-                description="parameters of the controller manager and its controllers",
+                default_value="",
+                description="parameters of the controller manager and its controllers; empty: the pattern",
             ),
             DeclareLaunchArgument(
                 "start",
@@ -234,10 +249,10 @@ def generate_launch_description() -> LaunchDescription:
                 description="what to start: the driver (ros2_control), the nodes of tel_ros, or both",
             ),
             DeclareLaunchArgument(
-                "effort",
+                "commands",
                 default_value="active",
                 choices=["active", "inactive"],
-                description=f"state of {CONTROLLER}; inactive: no command reaches the motors",
+                description="state of the controller of commands; inactive: none reaches the motors",
             ),
             DeclareLaunchArgument(
                 "run_dir", default_value="", description="new folder for the run; empty: wait for /practice"

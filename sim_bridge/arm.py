@@ -7,6 +7,9 @@ Time passes in control periods. What one period means, in this order:
    then acts, constant, until t + period. So the state at t never feels the command of t.
 3. Time is t + period, and there is a new reading. Between two steps the reading stays the same.
 
+With ``arm.command_interface: position`` the command is a set point, and what acts until t + period is what
+the drive makes of it at the rate of the physics.
+
 Equal configuration, seed and commands give bit-identical readings, in any process.
 """
 
@@ -16,10 +19,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from types import TracebackType
 
 from sim_bridge.delay import CommandDelay
 from sim_bridge.description import ArmDescription
+from sim_bridge.drive import PositionDrive
 from sim_bridge.physics import ArmPhysics, SimulationError
 from sim_bridge.sensors import JointSensors
 from tel_ros.core.config import ArmConfig, JointValues, SimConfig
@@ -27,7 +32,7 @@ from tel_ros.core.errors import ConfigError, TelError
 
 
 class CommandError(TelError):
-    """An effort command cannot be used. Nothing was applied and no time has passed."""
+    """A command cannot be used. Nothing was applied and no time has passed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +46,8 @@ class ArmReading:
     velocity_rad_s: JointValues
     """As a drive estimates it from the encoders."""
     effort_nm: JointValues
-    """What the motors did until ``time_ns``, for one period: after clipping and delay, before friction."""
+    """What the motors did until ``time_ns``, for one period (where drives take positions: one physics step):
+    after clipping and delay, before friction."""
 
     @property
     def time_s(self) -> float:
@@ -50,7 +56,9 @@ class ArmReading:
 
 
 class SimulatedArm:
-    """A torque-controlled arm, at rest in its initial posture. Use it with ``with``.
+    """An arm that takes efforts, or set points, at rest in its initial posture. Use it with ``with``.
+
+    Drives that take set points hold the initial posture at first.
 
     What acts on the arm is told by :class:`~sim_bridge.physics.ArmPhysics`, what is measured by
     :class:`~sim_bridge.sensors.JointSensors`.
@@ -79,7 +87,12 @@ class SimulatedArm:
         self._period_ns = period_ns.as_integer_ratio()
         self._n_ticks = 0
         self._zero: JointValues = (0.0,) * len(arm.joints)
-        self._delay = CommandDelay(_delay_periods(sim.command_delay_s, rate_hz), len(arm.joints))
+        self._newest = self._zero
+        self._drive: PositionDrive | None = None
+        if arm.command_interface == "position":
+            stiffness = tuple(sim.drive_stiffness_scale * k for k in arm.stiffness_nm_per_rad)
+            self._drive = PositionDrive(stiffness, arm.damping_nms_per_rad, self.effort_limit_nm)
+        self._delay = CommandDelay(_delay_periods(sim.command_delay_s, rate_hz), self._zero)
         self._sensors = JointSensors(
             len(arm.joints),
             period_s=1.0 / rate_hz,
@@ -136,38 +149,51 @@ class SimulatedArm:
         """Return what the sensors report now: the same record until the next step."""
         return self._reading
 
-    def step(self, command_nm: Sequence[float]) -> None:
-        """Take an effort command and let one control period pass.
+    def step(self, command: Sequence[float]) -> None:
+        """Take a command and let one control period pass.
 
         Args:
-            command_nm: torque of each motor, clipped to ``effort_limit_nm``. Shape (n_joints,).
+            command: torque of each motor in N·m, clipped to ``effort_limit_nm``; or with position drives the
+                set point of each in rad. Shape (n_joints,).
 
         Raises:
             CommandError: wrong length or not finite. Nothing is applied and no time passes.
             SimulationError: the simulation was closed, or is no longer finite.
         """
-        values = [float(value) for value in command_nm]
+        values = tuple(float(value) for value in command)
         if len(values) != len(self._zero) or not all(map(math.isfinite, values)):
+            name, unit = ("effort command", "N·m") if self._drive is None else ("set point", "rad")
             raise CommandError(
-                f"the effort command is {values}; expected {len(self._zero)} finite numbers of N·m, "
+                f"the {name} is {list(values)}; expected {len(self._zero)} finite numbers of {unit}, "
                 f"one for each of the joints {', '.join(self.joint_names)}"
             )
-        clipped_nm = tuple(
-            max(-limit, min(limit, value)) for value, limit in zip(values, self.effort_limit_nm, strict=True)
-        )
-        self._advance(self._delay.pass_through(clipped_nm))
+        if self._drive is None:
+            values = tuple(
+                max(-limit, min(limit, value))
+                for value, limit in zip(values, self.effort_limit_nm, strict=True)
+            )
+        self._newest = values
+        self._advance(self._delay.pass_through(values))
 
     def coast(self) -> None:
-        """Let one control period pass with the motors off, at once: commands on their way are dropped.
+        """Let one control period pass without a command.
+
+        The motors are off, at once: commands on their way are dropped. But position drives go on with the
+        newest set point.
 
         Raises:
             SimulationError: the simulation was closed, or is no longer finite.
         """
-        self._delay.clear()
+        if self._drive is not None:
+            self._advance(self._delay.pass_through(self._newest))
+            return
+        self._delay.clear(self._zero)
         self._advance(self._zero)
 
     def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         """Put the arm into a state, for tests and studies. Commands on their way are dropped; time stays.
+
+        Position drives hold the new posture.
 
         Args:
             position_rad: within the range of each joint. Shape (n_joints,).
@@ -181,13 +207,20 @@ class SimulatedArm:
             expected = f"a finite velocity for each of the joints {', '.join(self.joint_names)}"
             raise ConfigError("velocity_rad_s", list(velocity_rad_s), expected)
         self._physics.set_state(position_rad, velocity_rad_s)
-        self._delay.clear()
+        self._newest = self._zero if self._drive is None else tuple(position_rad)
+        self._delay.clear(self._newest)
         self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
         self._sensors.start(self._true_position_rad, self._true_velocity_rad_s)
         self._reading = self._new_reading(self._zero)
 
-    def _advance(self, effort_nm: JointValues) -> None:
-        self._physics.advance(effort_nm, self._n_substeps)
+    def _advance(self, command: JointValues) -> None:
+        if self._drive is None:
+            effort_nm = command
+            self._physics.advance(effort_nm, self._n_substeps)
+        else:
+            effort_nm = self._physics.advance_driven(
+                partial(self._drive.effort_nm, command), self._n_substeps
+            )
         self._n_ticks += 1
         self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
         if not all(map(math.isfinite, self._true_position_rad + self._true_velocity_rad_s)):

@@ -31,7 +31,7 @@ COMPLAINT_PERIOD_S = 1.0
 
 
 class SimBridgeNode(Node):
-    """Publishes joint states and takes effort commands.
+    """Publishes joint states and takes commands: efforts, or set points of position drives.
 
     ``realtime``: one period passes for every period of the wall clock, with the newest command. Periods that
     have gone by while the computer stood still pass at once, and one state tells where the arm is then.
@@ -40,7 +40,7 @@ class SimBridgeNode(Node):
     until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
     this counts as silence.
 
-    On silence the effort goes to zero and the arm coasts, in both.
+    On silence the effort goes to zero and the arm coasts, in both; position drives hold the last set point.
     """
 
     def __init__(self) -> None:
@@ -57,11 +57,16 @@ class SimBridgeNode(Node):
         self._stepped_at = time.monotonic()
         self._commanded_at = 0.0
         self._coasting = False
+        self._on_silence = (
+            "effort is zero, the arm coasts"
+            if config.arm.command_interface == "effort"
+            else "the drives hold the last set point"
+        )
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
         commands = self.create_subscription(
             Float64MultiArray,
-            topics.EFFORT_COMMANDS,
+            topics.COMMANDS[config.arm.command_interface],
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
             callback_group=BusyGroup(),
@@ -103,17 +108,17 @@ class SimBridgeNode(Node):
         message.effort = array("d", reading.effort_nm)
         self._states.publish(message)
 
-    def _step(self, command_nm: array[float]) -> bool:
+    def _step(self, command: array[float]) -> bool:
         """Let one period pass with a command; a command that cannot be used is ignored."""
         try:
-            self._arm.step(command_nm)
+            self._arm.step(command)
         except CommandError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return False
         return True
 
     def _fall_silent(self, silence_s: float) -> None:
-        self.get_logger().error(f"no effort command for {silence_s:.3f} s: effort is zero, the arm coasts")
+        self.get_logger().error(f"no command for {silence_s:.3f} s: {self._on_silence}")
 
     def _health(self) -> Health:
         """Say whether commands come; without them nothing but friction brakes the arm."""
@@ -133,7 +138,7 @@ class SimBridgeNode(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         if self._silent_periods >= self._watchdog_periods:
-            self.get_logger().info("effort commands arrive")
+            self.get_logger().info("commands arrive")
         self._command, self._silent_periods = message.data, 0
         self._commanded_at = time.monotonic()
 
@@ -172,7 +177,7 @@ class SimBridgeNode(Node):
         if not self._step(message.data):
             return
         if self._coasting:
-            self.get_logger().info("effort commands arrive")
+            self.get_logger().info("commands arrive")
             self._coasting = False
             self._coast_timer.cancel()
         self._stepped_at = self._commanded_at = time.monotonic()

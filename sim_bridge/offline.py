@@ -139,7 +139,7 @@ class OfflineArm:
             assert tick is not None  # it is not idle
             states.append(state)
             ticks.append(tick)
-            arm.step(tick.effort_nm.tolist())
+            arm.step(tick.command(self._config.arm.command_interface).tolist())
         assert controller.report is not None
         change = SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None
         return _trial(controller.report, states, ticks, change)

@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +102,26 @@ class ArmPhysics:
                 pybullet.stepSimulation(physicsClientId=client)
         except pybullet.error as error:
             raise SimulationError(CLOSED) from error
+
+    def advance_driven(
+        self, drive: Callable[[JointValues, JointValues], JointValues], n_steps: int
+    ) -> JointValues:
+        """Let ``n_steps`` physics steps pass, each under the torque with which a drive answers the state.
+
+        Args:
+            drive: from positions in rad and velocities in rad/s to torques in N·m.
+            n_steps: at least 1.
+
+        Returns:
+            The torque of the last step.
+
+        Raises:
+            SimulationError: the simulation was closed.
+        """
+        for _ in range(n_steps):
+            effort_nm = drive(*self.state())
+            self.advance(effort_nm, 1)
+        return effort_nm
 
     def state(self) -> tuple[JointValues, JointValues]:
         """Return the positions in rad and the velocities in rad/s of all joints."""

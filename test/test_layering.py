@@ -17,10 +17,10 @@ BRIDGE_NODE = BRIDGE / "node.py"
 ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
 RIGID_BODY = CORE / "learning" / "rigid_body.py"
 ONE_THREAD = CORE / "learning" / "one_thread.py"
-EFFORT_CHANNEL = NODES / "effort_channel.py"
+COMMAND_CHANNEL = NODES / "command_channel.py"
 SAFETY_LAYER = CORE / "safety" / "layer.py"
 TOPICS = RECORDING / "topics.py"
-COMMAND_TOPICS = {"EFFORT_COMMANDS"}
+COMMAND_TOPICS = {"EFFORT_COMMANDS", "POSITION_COMMANDS"}
 """Names in ``topics`` of what moves an arm."""
 
 
@@ -149,7 +149,7 @@ def publishers_of_commands(source: str) -> list[str]:
             continue
         named = [*node.args, *(keyword.value for keyword in node.keywords)]
         names = {a.attr for a in named if isinstance(a, ast.Attribute) and _base(a) == "topics"}
-        if not names or names & COMMAND_TOPICS:
+        if not names or names & {*COMMAND_TOPICS, "COMMANDS"}:
             found.append(ast.unparse(node))
     return found
 
@@ -161,8 +161,8 @@ def _base(attribute: ast.Attribute) -> str:
     return attribute.value.id if isinstance(attribute.value, ast.Name) else ""
 
 
-@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(EFFORT_CHANNEL,)))
-def test_commands_leave_through_the_effort_channel_alone(path: Path) -> None:
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(COMMAND_CHANNEL,)))
+def test_commands_leave_through_the_command_channel_alone(path: Path) -> None:
     source = path.read_text(encoding="utf-8")
     assert publishers_of_commands(source) == []
     values = {getattr(topics, name) for name in COMMAND_TOPICS}
@@ -182,8 +182,8 @@ def test_efforts_are_permitted_by_the_safety_layer_alone(path: Path) -> None:
     assert made + written == []
 
 
-def test_the_effort_channel_is_where_commands_leave() -> None:
-    assert len(publishers_of_commands(EFFORT_CHANNEL.read_text(encoding="utf-8"))) == 1
+def test_the_command_channel_is_where_commands_leave() -> None:
+    assert len(publishers_of_commands(COMMAND_CHANNEL.read_text(encoding="utf-8"))) == 1
 
 
 @pytest.mark.parametrize(
@@ -193,6 +193,7 @@ def test_the_effort_channel_is_where_commands_leave() -> None:
         ("node.create_publisher(msg_type=Float64MultiArray, topic=topics.EFFORT_COMMANDS)", True),
         ("self.create_lifecycle_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 1)", True),
         ("Publisher(handle, Float64MultiArray, topics.EFFORT_COMMANDS)", True),
+        ("self.create_publisher(Float64MultiArray, topics.COMMANDS[interface], 1)", True),
         ("for topic in names:\n    node.create_publisher(kind, topic, 1)", True),
         ("node.create_publisher(kind, '/effort_' + 'controller/commands', 1)", True),
         ("self.create_publisher(Bool, topics.READY, qos.LATCHED)", False),

@@ -27,6 +27,7 @@ from tel_ros.recording.config_file import load_config
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / "config" / "real_arm.yaml"
 CONTROLLERS = ROOT / "config" / "ros2_control" / "controllers.yaml"
+POSITION_CONTROLLERS = CONTROLLERS.with_name("controllers_position.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +44,9 @@ def config() -> Config:
     return load_config(CONFIG)
 
 
-def changed(tmp_path: Path, node: str, **values: Any) -> Path:
+def changed(tmp_path: Path, node: str, original: Path = CONTROLLERS, **values: Any) -> Path:
     """Return a copy of the controllers' parameters with other values; None removes one."""
-    parameters = yaml.safe_load(CONTROLLERS.read_text())
+    parameters = yaml.safe_load(original.read_text())
     for key, value in values.items():
         parameters[node]["ros__parameters"].pop(key)
         if value is not None:
@@ -105,6 +106,66 @@ def test_controllers_for_another_arm_are_refused(
     with pytest.raises(ConfigError, match=complaint) as error:
         launch_file.check_controllers(file, config)
     assert str(file) in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def position_config() -> Config:
+    return load_config(CONFIG, ["arm.command_interface=position"])
+
+
+def test_the_controllers_for_positions_fit_the_pattern_and_hear_where_set_points_are_sent(
+    launch_file: ModuleType, position_config: Config
+) -> None:
+    launch_file.check_controllers(POSITION_CONTROLLERS, position_config)
+    parameters = yaml.safe_load(POSITION_CONTROLLERS.read_text())
+    manager = parameters["controller_manager"]["ros__parameters"]
+    assert manager["position_controller"]["type"] == "forward_command_controller/ForwardCommandController"
+    assert topics.POSITION_COMMANDS == "/position_controller/commands"
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "complaint"),
+    [
+        ("position_controller", {"joints": ["elbow", "shoulder"]}, r"in that order"),
+        ("position_controller", {"interface_name": "effort"}, r"'position', as arm.command_interface"),
+        ("controller_manager", {"enforce_command_limits": True}, r"set points are not positions"),
+        ("controller_manager", {"enforce_command_limits": None}, r"enforce_command_limits is 'missing'"),
+    ],
+)
+def test_controllers_that_would_change_or_swap_set_points_are_refused(
+    launch_file: ModuleType,
+    position_config: Config,
+    tmp_path: Path,
+    node: str,
+    values: dict[str, Any],
+    complaint: str,
+) -> None:
+    file = changed(tmp_path, node, POSITION_CONTROLLERS, **values)
+    with pytest.raises(ConfigError, match=complaint):
+        launch_file.check_controllers(file, position_config)
+
+
+def test_controllers_for_the_other_interface_are_refused(
+    launch_file: ModuleType, config: Config, position_config: Config
+) -> None:
+    with pytest.raises(ConfigError, match=r"position_controller.*joints is 'missing'"):
+        launch_file.check_controllers(CONTROLLERS, position_config)
+    with pytest.raises(ConfigError, match=r"effort_controller.*joints is 'missing'"):
+        launch_file.check_controllers(POSITION_CONTROLLERS, config)
+
+
+def test_a_description_has_to_offer_the_interface_that_is_commanded(
+    launch_file: ModuleType, position_config: Config, tmp_path: Path
+) -> None:
+    efforts = Path(position_config.arm.urdf)
+    with pytest.raises(InputFileError, match="no command_interface 'position' for joint 'shoulder'"):
+        launch_file.check_description(efforts, position_config)
+    file = tmp_path / "arm.urdf"
+    text = efforts.read_text()
+    effort, position = (f'<command_interface name="{name}"/>' for name in ("effort", "position"))
+    assert text.count(effort) == 2
+    file.write_text(text.replace(effort, position))
+    launch_file.check_description(file, position_config)
 
 
 @pytest.mark.parametrize("text", ["effort_controller: 3", "{}"])
@@ -228,7 +289,7 @@ def test_practice_can_be_started_at_once(launch_file: ModuleType, tmp_path: Path
     ("arguments", "complaint"),
     [
         ({"config": str(ROOT / "config" / "planar_arm.yaml")}, "run.arm is 'sim'; expected 'external'"),
-        ({"effort": "inactive"}, "effort is 'inactive'; expected 'active', because start is 'all'"),
+        ({"commands": "inactive"}, "commands is 'inactive'; expected 'active', because start is 'all'"),
         ({"start": "driver", "run_dir": "bags/x"}, "run_dir is 'bags/x'; expected nothing"),
     ],
 )
@@ -250,7 +311,7 @@ def test_nothing_starts_when_the_controllers_are_for_another_arm(
 def test_an_inactive_effort_controller_is_asked_for_by_the_option_of_the_spawner(
     launch_file: ModuleType, tmp_path: Path
 ) -> None:
-    started = Started(launch_file, start="driver", effort="inactive")
+    started = Started(launch_file, start="driver", commands="inactive")
     started.end("spawner", 0)
     assert "--inactive" in [str(a) for a in started.next[0]._Node__arguments]
 

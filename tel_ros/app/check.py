@@ -133,7 +133,7 @@ def _refuse_other_arm(config: Config) -> None:
     """Make sure that a check of the simulated arm cannot reach another one."""
     with ArmClient(config.arm.joints) as client:
         client.spin_for(DISCOVERY_S)
-        found = endpoints(client)
+        found = endpoints(client, _command_topic(config))
     others = [node for kind in found.values() for node, _, _ in kind]
     if others:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
@@ -156,9 +156,13 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     client.forget()
 
 
+def _command_topic(config: Config) -> str:
+    return topics.COMMANDS[config.arm.command_interface]
+
+
 def _listen(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:
     client.spin_for(options.listen_s)
-    found = endpoints(client)
+    found = endpoints(client, _command_topic(config))
     findings = judge_connections(found["states"], found["commanders"], found["listeners"])
     findings += judge_names(client.names, config.arm.joints, client.malformed)
     states = client.states()
@@ -178,6 +182,9 @@ def _pulse(
     why = ""
     if options.passive:
         why = "not sent, as asked"
+    elif config.arm.command_interface == "position":
+        # Zero effort, with which every pulse ends, would be a posture.
+        why = "not sent: the drives take positions (arm.command_interface), and pulses are efforts"
     elif blocking:
         names = ", ".join(dict.fromkeys(finding.check for finding in blocking))
         why = f"not sent before this is mended: {names}"

@@ -88,8 +88,15 @@ class ArmConfig:
     """Empty: from the URDF."""
     velocity_limit_rad_s: JointValues = ()
     """A faster joint aborts the trial. Empty: from the URDF."""
+    command_interface: Literal["effort", "position"] = "effort"
+    """``effort``: the arm takes efforts. ``position``: its drives are the springs and dampers, with the
+    stiffness and damping above, and take equilibrium points."""
+    set_point_speed_rad_s: JointValues = ()
+    """``position``: how fast the equilibrium points that are sent may move. Empty: as
+    ``velocity_limit_rad_s``."""
 
     def __post_init__(self) -> None:
+        _require_choices(self)
         _require(len(self.joints) > 0, "joints", list(self.joints), "at least one joint name")
         _require(len(set(self.joints)) == len(self.joints), "joints", list(self.joints), "each joint once")
         _require_per_joint(self, "stiffness_nm_per_rad", self.joints, 0.0, "finite numbers above 0")
@@ -98,8 +105,9 @@ class ArmConfig:
         for key in ("position_min_rad", "position_max_rad"):
             if getattr(self, key):
                 _require_per_joint(self, key, self.joints, -math.inf, "finite numbers")
-        if self.velocity_limit_rad_s:
-            _require_per_joint(self, "velocity_limit_rad_s", self.joints, 0.0, "finite numbers above 0")
+        for key in ("velocity_limit_rad_s", "set_point_speed_rad_s"):
+            if getattr(self, key):
+                _require_per_joint(self, key, self.joints, 0.0, "finite numbers above 0")
         if self.position_min_rad and self.position_max_rad:
             ordered = all(
                 low < high for low, high in zip(self.position_min_rad, self.position_max_rad, strict=True)
@@ -433,6 +441,9 @@ class SimConfig:
     velocity_filter_hz: float = 100.0
     """Low-pass of the velocity that is made from successive position readings; 0: none."""
     command_delay_s: float = 0.0
+    drive_stiffness_scale: float = 1.0
+    """``arm.command_interface: position``: factor on K of the simulated drives, which then are not what the
+    arm is described as."""
     payload_kg: float = 0.0
     """Point mass at the hand link."""
     inertia_scale: float = 1.0
@@ -444,14 +455,17 @@ class SimConfig:
     initial_position_rad: JointValues = ()
     """Empty: the middle of each joint's range."""
     watchdog_s: float = 0.1
-    """Silence on the command topic after which the effort goes to zero (arm time)."""
+    """Silence on the command topic after which the effort goes to zero (arm time). Position drives hold their
+    last set point instead."""
     lockstep_timeout_s: float = 2.0
     """How long (wall clock) lockstep waits for the command to a moving arm before it counts as silence."""
     gui: bool = False
 
     def __post_init__(self) -> None:
         _require_choices(self)
-        _require_positive(self, "physics_rate_hz", "inertia_scale", "lockstep_timeout_s")
+        _require_positive(
+            self, "physics_rate_hz", "inertia_scale", "drive_stiffness_scale", "lockstep_timeout_s"
+        )
         _require(0.0 < self.watchdog_s <= 0.1, "watchdog_s", self.watchdog_s, "above 0 and up to 0.1 s")
         _require(
             self.encoder_bits == 0 or 8 <= self.encoder_bits <= 32,
@@ -490,7 +504,9 @@ class Config:
 
     @property
     def is_guarded(self) -> bool:
-        """Whether a run of this configuration starts the guard."""
+        """Whether a run of this configuration starts the guard; position drives hold by themselves."""
+        if self.arm.command_interface == "position":
+            return False
         if self.safety.guard == "external":
             return self.run.arm == "external"
         return self.safety.guard == "always"
@@ -522,6 +538,12 @@ class Config:
             self.safety.guard,
             "'external' or 'never' with sim.clock lockstep: its arm waits for each command",
         )
+        _require(
+            self.safety.guard != "always" or self.arm.command_interface == "effort",
+            "safety.guard",
+            self.safety.guard,
+            "'external' or 'never' with arm.command_interface position: the drives hold in silence",
+        )
         self._check_varied()
         self.safety.require_fits(self.arm)
         for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm", "initial_position_rad"):
@@ -543,6 +565,12 @@ class Config:
             "a path to begin with (known_name or known_file), because practice.vary has shape"
             if varies_shape
             else "nothing, because practice.vary has no shape",
+        )
+        _require(
+            "stiffness" not in practice.vary or self.arm.command_interface == "effort",
+            "practice.vary",
+            list(practice.vary),
+            "no stiffness, because arm.command_interface is 'position': it is the drive's, and stays",
         )
         _require(
             "stiffness" not in practice.vary or practice.first_stiffness <= self.control.max_stiffness_factor,

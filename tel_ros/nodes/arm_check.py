@@ -21,8 +21,8 @@ from tel_ros.core.check.records import StateRecord
 from tel_ros.core.control.records import ArmState
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import time_ns
-from tel_ros.nodes.effort_channel import EffortChannel
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
 from tel_ros.recording import topics
 
@@ -48,7 +48,7 @@ class ArmClient:
         self._joints, self._still_there = tuple(joints), still_there
         self._rows: list[Row] = []
         self._program: Program | None = None
-        self._channel: EffortChannel | None = None
+        self._channel: CommandChannel | None = None
         self._layer: SafetyLayer | None = None
         self.names: set[tuple[str, ...]] = set()
         """Lists of names that have come."""
@@ -122,7 +122,7 @@ class ArmClient:
             timeout_s: wall clock.
         """
         if self._channel is None:
-            self._channel = EffortChannel(self.node, len(self._joints))
+            self._channel = CommandChannel(self.node, "effort", len(self._joints))
         self._layer, channel = layer, self._channel
         channel.open(layer)
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)
@@ -200,17 +200,17 @@ class ArmClient:
         self._channel.send(answered_ns)
 
 
-def endpoints(client: ArmClient) -> dict[str, list[tuple[str, str, str]]]:
+def endpoints(client: ArmClient, command_topic: str) -> dict[str, list[tuple[str, str, str]]]:
     """Return who else is on the arm's topics: node, type and reliability of each.
 
     Keys: ``states`` for publishers of joint states, ``commanders`` for publishers and ``listeners`` for
-    subscriptions of effort commands. The client itself is left out.
+    subscriptions of commands. The client itself is left out.
     """
     node = client.node
     return {
         "states": _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
-        "commanders": _others(node, node.get_publishers_info_by_topic(topics.EFFORT_COMMANDS)),
-        "listeners": _others(node, node.get_subscriptions_info_by_topic(topics.EFFORT_COMMANDS)),
+        "commanders": _others(node, node.get_publishers_info_by_topic(command_topic)),
+        "listeners": _others(node, node.get_subscriptions_info_by_topic(command_topic)),
     }
 
 

@@ -13,9 +13,9 @@ from tel_ros.core.errors import ConfigError, StateError
 from tel_ros.core.safety.awake_clock import AwakeClock
 from tel_ros.core.safety.guard import CommandGuard
 from tel_ros.nodes import qos
+from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import JointStateReader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
-from tel_ros.nodes.effort_channel import EffortChannel
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
@@ -47,7 +47,7 @@ class ArmGuardNode(Node):
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm.joints, config.control)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
-        self._channel = EffortChannel(self, len(config.arm.joints), author=NAME)
+        self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=NAME)
         self._channel.open(self._guard.safety)
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s

@@ -90,14 +90,14 @@ class JointStateReader:
         return ArmState(time_ns=stamp_ns, position_rad=position_rad, velocity_rad_s=velocity_rad_s)
 
 
-class EffortCommand:
-    """The effort command, marked with the stamp of the joint state that it answers.
+class CommandFiller:
+    """The command (efforts, or equilibrium points), marked with the stamp of the joint state that it answers.
 
-    Stock effort controllers do not look at the layout of the array. The simulated arm in lockstep and the
+    Stock controllers do not look at the layout of the array. The simulated arm in lockstep and the
     recorder do: its one dimension is labelled with that stamp, in nanoseconds.
 
     Args:
-        n_joints: number of efforts.
+        n_joints: number of values.
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -105,10 +105,10 @@ class EffortCommand:
         self.message = Float64MultiArray()
         self.message.layout.dim = [self._dimension]
 
-    def fill(self, label: str, effort_nm: FloatArray) -> Float64MultiArray:
+    def fill(self, label: str, values: FloatArray) -> Float64MultiArray:
         """Return the message, which is the same one every time."""
         self._dimension.label = label
-        self.message.data = to_array(effort_nm)
+        self.message.data = to_array(values)
         return self.message
 
 

@@ -1,4 +1,4 @@
-"""The equilibrium-point controller: joint states in, effort commands out, one trial at a time."""
+"""The equilibrium-point controller: joint states in, commands out, one trial at a time."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.control.records import ArmState, Tick, TrialGoal
 from tel_ros.core.errors import StateError
 from tel_ros.nodes import qos
+from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.controller_health import ControllerStatus, controller_health
 from tel_ros.nodes.conversions import (
     ControlStateFiller,
@@ -23,7 +24,6 @@ from tel_ros.nodes.conversions import (
     idle_state,
 )
 from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
-from tel_ros.nodes.effort_channel import EffortChannel
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
@@ -41,7 +41,7 @@ TIMED_S = 60.0
 
 
 class EpControllerNode(ManagedNode):
-    """Answers every joint state with an effort command while a trial is under way or its end is held.
+    """Answers every joint state with a command while a trial is under way or its end is held.
 
     A managed node: nothing is commanded before it is active, and then nothing before the first trial. An arm
     whose time stands still without commands (the simulated one in lockstep) is left alone between trials as
@@ -54,7 +54,8 @@ class EpControllerNode(ManagedNode):
         self._joints = config.arm.joints
         self._make_controller = partial(EpController, config.arm, config.control, config.safety)
         self._controller = self._make_controller()
-        self._holds_at_the_end = config.safety.final_effort == "hold"
+        self._interface = config.arm.command_interface
+        self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
         self._rest_speed_rad_s = config.control.settle_speed_rad_s
         self._answers_between_trials = not config.arm_waits_for_commands
         self._state_timeout_s = (
@@ -62,7 +63,7 @@ class EpControllerNode(ManagedNode):
         )
         self._reader = JointStateReader(self._joints, config.control)
         self._estimated: tuple[str, ...] = ()
-        self._channel: EffortChannel | None = None  # from configure to cleanup
+        self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
         self._control_state = ControlStateFiller()
         # Where the arm waits for commands, how fast they come says nothing about the trial.
@@ -106,7 +107,7 @@ class EpControllerNode(ManagedNode):
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
-        self._channel = EffortChannel(self, len(self._joints))
+        self._channel = CommandChannel(self, self._interface, len(self._joints))
         self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
 
     def activate(self) -> None:
@@ -117,7 +118,7 @@ class EpControllerNode(ManagedNode):
         """
         if self._safety.reason:
             raise TransitionRefusedError(f"{self._safety.reason}; {topics.SAFETY_RESET} has to come first")
-        self._channel.open(self._controller.safety)
+        self._channel.open(self._controller.commands)
         self._acts = True
 
     def deactivate(self) -> None:
@@ -226,7 +227,7 @@ class EpControllerNode(ManagedNode):
     def _publish_zero(self) -> None:
         self._commanding = False
         self._controller.safety.none()
-        self._channel.send(self._seen.time_ns if self._seen else 0)
+        self._channel.let_go(self._seen.time_ns if self._seen else 0)
 
     def _is_stopping(self) -> bool:
         """Return whether the arm is on its way to the effort that it is to be left with."""
@@ -273,7 +274,10 @@ class EpControllerNode(ManagedNode):
         if self._states_are_fresh() or not (self._commanding or self._controller.active):
             return
         message = f"no joint state for {self._state_timeout_s} s"
-        self.get_logger().error(f"{message}: zero effort")
+        holds = self._interface == "position"
+        self.get_logger().error(
+            f"{message}: {'the drives hold their set points' if holds else 'zero effort'}"
+        )
         self._controller.lose_states(message)
         self._publish_zero()
         self._trials.finish(self._controller.report)
@@ -288,7 +292,7 @@ class EpControllerNode(ManagedNode):
         if not self._states_are_fresh():
             raise StateError(f"no joint states on {topics.JOINT_STATES}")
         if self._channel.listeners == 0:
-            raise StateError(f"nobody listens to {topics.EFFORT_COMMANDS}")
+            raise StateError(f"nobody listens to {self._channel.topic}")
         self._controller.start(goal)
 
     def _cancel(self) -> None:

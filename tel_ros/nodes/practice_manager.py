@@ -196,7 +196,8 @@ class PracticeManagerNode(Node):
         if not self._ready.wait(timeout_s):
             raise NoAnswerError(
                 f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
-                f"{topics.JOINT_STATES} and a subscriber of {topics.EFFORT_COMMANDS}"
+                f"{topics.JOINT_STATES} and a subscriber of "
+                f"{topics.COMMANDS[self._config.arm.command_interface]}"
             )
 
     def _trial(

@@ -39,8 +39,8 @@ _CHECK_PERIOD_S = 0.02
 _BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
 _MESSAGE_TYPES = {
     topics.JOINT_STATES: JointState,
-    topics.EFFORT_COMMANDS: Float64MultiArray,
     topics.CONTROL_STATES: ControlState,
+    **dict.fromkeys(topics.RECORDED_COMMANDS, Float64MultiArray),
 }
 
 
@@ -114,14 +114,14 @@ class TrialRecorderNode(Node):
         self._heard_at[topic] = time.monotonic()
         if self._writer is None:
             return
-        if topic == topics.EFFORT_COMMANDS:
+        if topic in topics.RECORDED_COMMANDS:
             answered_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray))
             stamp_ns = self._newest_ns() if answered_ns is None else answered_ns
         else:
             stamp_ns = header_stamp_ns(raw)
             if topic == topics.CONTROL_STATES and trial_index(raw) == 0:
                 return  # said between trials
-        stamps = self._stamps[topic]
+        stamps = self._stamps.setdefault(topic, [])
         if stamps and stamps[-1] == stamp_ns:
             return  # an arm in lockstep repeats its state until it gets an answer
         self._writer.write(topic, stamp_ns, raw)
@@ -133,9 +133,12 @@ class TrialRecorderNode(Node):
 
     def _has_all_until(self, end_ns: int) -> bool:
         """Return whether everything up to the last tick is there, and the state that its command led to."""
-        return all(
-            stamps and (stamps[-1] > end_ns if topic == topics.JOINT_STATES else stamps[-1] >= end_ns)
-            for topic, stamps in self._stamps.items()
+        last = {topic: stamps[-1] for topic, stamps in self._stamps.items() if stamps}
+        commands = [last[topic] for topic in topics.RECORDED_COMMANDS if topic in last]
+        return (
+            last.get(topics.JOINT_STATES, -1) > end_ns
+            and last.get(topics.CONTROL_STATES, -1) >= end_ns
+            and max(commands, default=-1) >= end_ns
         )
 
     async def _start(

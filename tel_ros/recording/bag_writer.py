@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -66,11 +67,16 @@ class TrialBagWriter:
         self._connections = {
             topic: self._writer.add_connection(topic, kind, typestore=store) for topic, kind in types.items()
         }
+        # Which of the topics of commands a trial has shows when the first one comes.
+        self._add_command = partial(self._writer.add_connection, typestore=store)
         self.counts = dict.fromkeys(types, 0)
         """Messages written so far: topic to number."""
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
         """Append one serialised message."""
+        if topic not in self._connections:
+            self._connections[topic] = self._add_command(topic, topics.RECORDED_COMMANDS[topic])
+            self.counts[topic] = 0
         self._writer.write(self._connections[topic], time_ns, serialised)
         self.counts[topic] += 1
 

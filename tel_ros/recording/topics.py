@@ -6,6 +6,10 @@ EFFORT_COMMANDS = "/effort_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``JointGroupEffortController`` takes it."""
 EP_CONTROLLER = "ep_controller"
 """Name of the managed node that commands the arm."""
+POSITION_COMMANDS = "/position_controller/commands"
+"""std_msgs/Float64MultiArray, as a stock ``ForwardCommandController`` of positions takes it."""
+COMMANDS = {"effort": EFFORT_COMMANDS, "position": POSITION_COMMANDS}
+"""``arm.command_interface`` to topic."""
 CONTROL_STATES = "/ep_controller/state"
 READY = "/ep_controller/ready"
 """std_msgs/Bool, latched: the controller is active, joint states arrive, somebody listens to its commands."""
@@ -33,10 +37,12 @@ STOP_RECORDING = "/trial_recorder/stop"
 
 RECORDED_LIVE = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
-    EFFORT_COMMANDS: "std_msgs/msg/Float64MultiArray",
     CONTROL_STATES: "tel_interfaces/msg/ControlState",
 }
 """Taken from the graph while a trial runs: topic to type."""
+
+RECORDED_COMMANDS = dict.fromkeys(COMMANDS.values(), "std_msgs/msg/Float64MultiArray")
+"""Likewise; a trial has one of them."""
 
 RECORDED_ONCE = {
     TRIAL_GOAL: "tel_interfaces/msg/TrialGoal",

@@ -1,4 +1,4 @@
-"""An arm as its contract sees it: two topics."""
+"""An arm as its contract sees it: two topics, and a push that is the same for efforts and for set points."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from tel_ros.recording import topics
 
 TINY_SHARE = 0.0025
 """Share of the effort limit that the tests use, on any arm."""
+STILL_SHARE = 0.25
+"""Less than this share of that push is none: a set point is as exact as the encoder that it was read from."""
 START_S = 30.0
 
 
@@ -35,8 +37,9 @@ class ArmUnderTest:
     def __init__(self, config: Config, *, lockstep: bool, obeys_nobody: bool = False) -> None:
         self.config, self.lockstep, self.is_precious = config, lockstep, obeys_nobody
         self.joints = config.arm.joints
-        self.tiny_nm = (TINY_SHARE * np.array(config.arm.effort_limit_nm)).tolist()
-        self.zero_nm = [0.0] * len(self.joints)
+        self.takes_positions = config.arm.command_interface == "position"
+        self.command_topic = topics.COMMANDS[config.arm.command_interface]
+        self.tiny_nm = TINY_SHARE * np.array(config.arm.effort_limit_nm)
         self.states: list[JointState] = []
         self._context = Context()
 
@@ -47,17 +50,20 @@ class ArmUnderTest:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.node.create_subscription(JointState, topics.JOINT_STATES, self.states.append, 5000)
-        self._pub = self.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
+        self._pub = self.node.create_publisher(Float64MultiArray, self.command_topic, 10)
         self.spin_until(
             lambda: len(self.states) > 2 and self._pub.get_subscription_count() > 0, START_S, "the arm"
         )
+        self._posture_rad = self.position_rad(self.states[-1])
+        self.rest = self.pushing(0.0)
+        """The command with which the arm stays at rest where it was found."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Command zero and go."""
-        self.command(self.zero_nm)
+        """Leave the arm at rest and go."""
+        self.command(self.rest)
         time.sleep(0.02)
         self.node.destroy_node()
         self._context.try_shutdown()
@@ -75,20 +81,44 @@ class ArmUnderTest:
         self.spin_until(lambda: len(self.states) >= start + n, timeout_s, f"{n} states")
         return self.states[start : start + n]
 
-    def command(self, effort_nm: list[float], answers_ns: int | None = None) -> None:
+    def pushing(self, share: float) -> list[float]:
+        """Return the command that exerts a share of the tiny effort, where the arm was found at rest."""
+        effort_nm = share * self.tiny_nm
+        if not self.takes_positions:
+            return effort_nm.tolist()
+        deflection_rad: np.ndarray = effort_nm / np.array(self.config.arm.stiffness_nm_per_rad)
+        return (self._posture_rad + deflection_rad).tolist()
+
+    def is_still(self, state: JointState) -> bool:
+        """Return whether the state tells no effort, or none that is worth mentioning."""
+        effort_nm = self.effort_nm(state)
+        return effort_nm is None or bool(np.all(np.abs(effort_nm) <= STILL_SHARE * self.tiny_nm))
+
+    def settle(self, timeout_s: float = 30.0) -> None:
+        """Command rest until it has come to that; an arm that takes efforts only gets the command."""
+        end = time.monotonic() + timeout_s
+        self.answer(self.rest, 3)
+        while self.takes_positions:
+            start = len(self.states)
+            self.answer(self.rest, 60)
+            if all(map(self.is_still, self.states[start:])):
+                return
+            assert time.monotonic() < end, f"the arm is not at rest after {timeout_s} s"
+
+    def command(self, values: list[float], answers_ns: int | None = None) -> None:
         """Send a command, labelled with the stamp of a state or not at all."""
-        message = Float64MultiArray(data=effort_nm)
+        message = Float64MultiArray(data=values)
         if answers_ns is not None:
-            n = len(effort_nm)
+            n = len(values)
             message.layout.dim = [MultiArrayDimension(label=str(answers_ns), size=n, stride=n)]
         self._pub.publish(message)
 
-    def answer(self, effort_nm: list[float], n: int = 1) -> list[tuple[int, JointState]]:
+    def answer(self, values: list[float], n: int = 1) -> list[tuple[int, JointState]]:
         """Answer n states in turn; return each stamp that was answered, and the state that followed."""
         pairs = []
         for _ in range(n):
             stamp_ns = time_ns(self.states[-1].header.stamp)
-            self.command(effort_nm, stamp_ns)
+            self.command(values, stamp_ns)
             self.spin_until(lambda s=stamp_ns: self.stamp_ns() > s, 10.0, "the next state")
             pairs.append((stamp_ns, self.states[-1]))
         return pairs

@@ -24,7 +24,13 @@ from tel_ros.recording.config_file import dump_config, load_config  # noqa: E402
 HERE = Path(__file__).parent
 CONFIG = HERE.parents[1] / "config" / "planar_arm.yaml"
 RATE_HZ = 200
-OURS = ("sim_bridge in real time", "sim_bridge in lockstep", "fake arm")
+OURS = (
+    "sim_bridge in real time",
+    "sim_bridge in lockstep",
+    "position drives in real time",
+    "position drives in lockstep",
+    "fake arm",
+)
 _DOMAINS = itertools.count(os.getpid())
 
 
@@ -53,7 +59,9 @@ def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(1 + next(_DOMAINS) % 100))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        config = load_config(CONFIG, [f"control.rate_hz={RATE_HZ}"])
+        interface = "position" if "position" in request.param else "effort"
+        overrides = [f"control.rate_hz={RATE_HZ}", f"arm.command_interface={interface}"]
+        config = load_config(CONFIG, overrides)
         if request.param == "fake arm":
             yield from _fake(config)
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm_under_test import ArmUnderTest
+from arm_under_test import TINY_SHARE, ArmUnderTest
 
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.recording import topics
@@ -25,7 +25,7 @@ def test_every_state_names_every_joint_once_with_a_finite_position(arm: ArmUnder
 
 def test_states_are_published_reliably_by_one_and_commands_heard_by_one(arm: ArmUnderTest) -> None:
     publishers = arm.node.get_publishers_info_by_topic(topics.JOINT_STATES)
-    listeners = arm.node.get_subscriptions_info_by_topic(topics.EFFORT_COMMANDS)
+    listeners = arm.node.get_subscriptions_info_by_topic(arm.command_topic)
     assert [p.topic_type for p in publishers] == ["sensor_msgs/msg/JointState"]
     assert [p.qos_profile.reliability.name for p in publishers] == ["RELIABLE"]
     assert [p.topic_type for p in listeners] == ["std_msgs/msg/Float64MultiArray"]
@@ -50,7 +50,7 @@ def test_stamps_never_go_back_and_equal_stamps_have_equal_contents(arm: ArmUnder
 def test_one_period_passes_from_state_to_state(arm: ArmUnderTest) -> None:
     period_ns = 1e9 / arm.config.control.rate_hz
     if arm.lockstep:
-        pairs = arm.answer(arm.zero_nm, 10)
+        pairs = arm.answer(arm.rest, 10)
         assert {time_ns(state.header.stamp) - answered for answered, state in pairs} == {round(period_ns)}
         return
     stamps_ns = [time_ns(state.header.stamp) for state in arm.new_states(100)]
@@ -66,13 +66,12 @@ def test_a_state_never_feels_the_command_that_answers_it(arm: ArmUnderTest) -> N
     """The effort shows up, but in no state with the stamp that was answered or an earlier one."""
     if arm.effort_nm(arm.states[-1]) is None:
         pytest.skip("the arm tells no effort")
-    arm.answer(arm.zero_nm, 3)
+    arm.answer(arm.rest, 3)
     start = len(arm.states)
-    answered_ns, _ = arm.answer(arm.tiny_nm)[0]
-    pushes = (arm.tiny_nm, [-value for value in arm.tiny_nm])
-    for k in range(4):  # there and back: nothing keeps moving
-        arm.answer(pushes[k // 2])
-    arm.answer(arm.zero_nm, 5)
+    answered_ns, _ = arm.answer(arm.pushing(1.0))[0]
+    for share in (1.0, 1.0, -1.0, -1.0):  # there and back: nothing keeps moving
+        arm.answer(arm.pushing(share))
+    arm.answer(arm.rest, 5)
     half = 0.5 * arm.tiny_nm[0]
     showing = [time_ns(s.header.stamp) for s in arm.states[start:] if arm.effort_nm(s)[0] > half]
     assert showing, "the effort never shows up in the states"
@@ -84,15 +83,15 @@ def test_a_state_never_feels_the_command_that_answers_it(arm: ArmUnderTest) -> N
 def test_in_lockstep_only_the_newest_state_can_be_answered(arm: ArmUnderTest) -> None:
     if not arm.lockstep:
         pytest.skip("only lockstep waits for answers")
-    old_ns = arm.answer(arm.zero_nm)[0][0]
+    old_ns = arm.answer(arm.rest)[0][0]
     now_ns = arm.stamp_ns()
-    arm.command(arm.tiny_nm, old_ns)
+    arm.command(arm.pushing(1.0), old_ns)
     assert {time_ns(state.header.stamp) for state in arm.new_states(4)} == {now_ns}
 
 
 def test_a_command_without_label_is_obeyed(arm: ArmUnderTest) -> None:
     before_ns = arm.stamp_ns()
-    arm.command(arm.zero_nm)
+    arm.command(arm.rest)
     arm.spin_until(lambda: arm.stamp_ns() > before_ns, 10.0, "the next state")
 
 
@@ -101,13 +100,15 @@ def test_the_effort_is_zero_within_100_ms_of_silence(arm: ArmUnderTest) -> None:
         pytest.skip(
             "time stands still without commands; an arm that moves: test/graph/test_sim_bridge_node.py"
         )
+    if arm.takes_positions:
+        pytest.skip("position drives hold their last set point instead")
     if arm.effort_nm(arm.states[-1]) is None:
         pytest.skip("the arm tells no effort: tel check tells it from the motion")
-    answered = arm.answer(arm.tiny_nm, 5)[-1][0]
+    answered = arm.answer(arm.pushing(1.0), 5)[-1][0]
     last_ns = arm.stamp_ns()
     start = len(arm.states)
     arm.spin_until(lambda: arm.stamp_ns() > last_ns + 0.2e9, 10.0, "0.2 s of silence")
-    arm.command(arm.zero_nm)
+    arm.command(arm.rest)
     acting = [
         time_ns(s.header.stamp)
         for s in arm.states[start - 1 :]
@@ -119,16 +120,30 @@ def test_the_effort_is_zero_within_100_ms_of_silence(arm: ArmUnderTest) -> None:
     assert last_ns > answered
 
 
+def test_position_drives_hold_the_last_set_point_in_silence(arm: ArmUnderTest) -> None:
+    if not arm.takes_positions or arm.lockstep:
+        pytest.skip("other arms let go; in lockstep time stands still without commands")
+    set_point_rad = np.array(arm.pushing(1.0))
+    distance_rad = np.abs(set_point_rad - arm.rest)
+    arm.answer(set_point_rad.tolist())
+    silent_since_ns = arm.stamp_ns()
+    arm.spin_until(lambda: arm.stamp_ns() > silent_since_ns + 2e9, 20.0, "2 s of silence")
+    held_rad = arm.position_rad(arm.states[-1])
+    arm.settle()
+    assert np.all(np.abs(held_rad - set_point_rad) < 0.5 * distance_rad)
+
+
 @pytest.mark.parametrize("kind", ["nan", "inf", "short", "long", "empty"])
 def test_a_command_that_cannot_be_used_is_not_applied(arm: ArmUnderTest, kind: str) -> None:
     if arm.is_precious:
         pytest.skip("asks for --hostile-commands")
-    arm.answer(arm.zero_nm, 3)
+    arm.settle()
+    push = arm.pushing(1.0)
     bad = {
-        "nan": [float("nan"), *arm.tiny_nm[1:]],
-        "inf": [*arm.tiny_nm[:-1], float("inf")],
-        "short": arm.tiny_nm[:-1],
-        "long": [*arm.tiny_nm, 0.1],
+        "nan": [float("nan"), *push[1:]],
+        "inf": [*push[:-1], float("inf")],
+        "short": push[:-1],
+        "long": [*push, 0.1],
         "empty": [],
     }[kind]
     start = len(arm.states)
@@ -136,8 +151,8 @@ def test_a_command_that_cannot_be_used_is_not_applied(arm: ArmUnderTest, kind: s
     arm.new_states(10)
     for state in arm.states[start:]:
         assert np.isfinite(arm.position_rad(state)).all()
-        assert arm.effort_nm(state) in (None, arm.zero_nm)
-    assert arm.answer(arm.zero_nm), "it does not go on"
+        assert arm.is_still(state)
+    assert arm.answer(arm.rest), "it does not go on"
 
 
 def test_an_effort_beyond_the_limit_is_clipped(arm: ArmUnderTest) -> None:
@@ -145,9 +160,9 @@ def test_an_effort_beyond_the_limit_is_clipped(arm: ArmUnderTest) -> None:
         pytest.skip("asks for --hostile-commands")
     limit_nm = np.array(arm.config.arm.effort_limit_nm)
     start = len(arm.states)
-    arm.answer((10.0 * limit_nm).tolist(), 3)
-    arm.answer((-10.0 * limit_nm).tolist(), 3)
-    arm.answer(arm.zero_nm, 3)
+    arm.answer(arm.pushing(10.0 / TINY_SHARE), 3)
+    arm.answer(arm.pushing(-10.0 / TINY_SHARE), 3)
+    arm.answer(arm.rest, 3)
     efforts = np.array([arm.effort_nm(state) for state in arm.states[start:]])
     assert np.abs(efforts).max() == pytest.approx(limit_nm.max())
     assert np.all(np.abs(efforts) <= limit_nm + 1e-9)

@@ -76,7 +76,7 @@ BAD: list[tuple[type, str, Any, str]] = [
     *((ControlConfig, "settle_timeout_s", bad, "above settle_time_s = 0.5 s") for bad in (0.5, NAN, INF)),
     *(
         (SimConfig, key, bad, "a finite number above 0")
-        for key in ("physics_rate_hz", "inertia_scale", "lockstep_timeout_s")
+        for key in ("physics_rate_hz", "inertia_scale", "drive_stiffness_scale", "lockstep_timeout_s")
         for bad in NOT_POSITIVE
     ),
     *((SimConfig, "watchdog_s", bad, "above 0 and up to 0.1 s") for bad in (0.0, 0.11, NAN)),
@@ -97,7 +97,10 @@ BAD_ARMS: list[tuple[str, Any, str]] = [
     ("joints", ("elbow", "elbow"), "each joint once"),
     *(
         (key, (15.0, bad), "2 finite numbers above 0, one for each of the joints shoulder, elbow")
-        for key in ("stiffness_nm_per_rad", "effort_limit_nm", "velocity_limit_rad_s")
+        for key in (
+            *("stiffness_nm_per_rad", "effort_limit_nm", "velocity_limit_rad_s"),
+            "set_point_speed_rad_s",
+        )
         for bad in NOT_POSITIVE
     ),
     *(("damping_nms_per_rad", (1.5, bad), "2 finite numbers of at least 0") for bad in NEGATIVE),
@@ -112,6 +115,7 @@ BAD_ARMS: list[tuple[str, Any, str]] = [
         for n in (1, 3)
     ),
     ("position_max_rad", (2.9, -2.9), "above [-2.9, -2.9]"),
+    ("command_interface", "velocity", "'effort' or 'position'"),
 ]
 
 
@@ -214,3 +218,10 @@ def test_only_the_simulated_arm_in_lockstep_waits_for_commands(arm: str, clock: 
 def test_a_guard_of_an_arm_that_waits_for_commands_makes_no_sense() -> None:
     with pytest.raises(ConfigError, match="guard is 'always'; expected 'external' or 'never'"):
         config(safety=SafetyConfig(guard="always"))
+
+
+def test_the_stiffness_of_drives_cannot_be_practised() -> None:
+    arm = arm_config(command_interface="position")
+    with pytest.raises(ConfigError, match="no stiffness, because arm.command_interface is 'position'"):
+        config(arm=arm, practice=PracticeConfig(vary=("stiffness", "speed")))
+    assert config(practice=PracticeConfig(vary=("stiffness", "speed"))).arm.command_interface == "effort"

@@ -215,3 +215,12 @@ def test_the_table_ends_with_what_to_mend_and_a_verdict(fake_arm: StartArm) -> N
     assert code == 1
     assert "wrong: name elbow: arm.joints needs the names" in out
     assert out.strip().splitlines()[-1].startswith("verdict  ")
+
+
+def test_drives_that_take_positions_are_listened_to_and_never_pulsed() -> None:
+    code, findings = checked("--set", "arm.command_interface=position", "--listen", "1")
+    assert {name for name, _ in wrong(findings)} <= TIMING
+    assert code == (1 if wrong(findings) else 0)
+    assert findings["listener to commands", ""]["verdict"] == "ok"
+    assert findings["pulses", ""]["verdict"] == "not checked"
+    assert "the drives take positions" in findings["pulses", ""]["measured"]

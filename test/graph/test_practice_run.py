@@ -76,7 +76,7 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
     assert (code_1, code_2) == (0, 0), err_1 + err_2
     assert without_wall_clock(summary_of(out_1)) == without_wall_clock(summary_of(out_2))
     for name in ("trial_001", "trial_003"):
-        for topic in topics.RECORDED_LIVE:
+        for topic in (*topics.RECORDED_LIVE, topics.EFFORT_COMMANDS):
             assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
 
 

@@ -22,6 +22,9 @@ def contents(bag: Path) -> list[tuple[str, int, bytes]]:
         return [(connection.topic, time_ns, bytes(raw)) for connection, time_ns, raw in reader.messages()]
 
 
+EFFORTS = {topics.EFFORT_COMMANDS: "std_msgs/msg/Float64MultiArray"}
+
+
 def test_messages_come_back_byte_by_byte_with_their_times(trial_bag: Path, trial: SyntheticTrial) -> None:
     found = contents(trial_bag)
     assert sorted(found) == sorted(trial.messages())
@@ -33,7 +36,8 @@ def test_a_plain_reader_understands_our_own_messages_without_our_definitions(
 ) -> None:
     """The bag carries the definitions; nothing of this project is needed to read it."""
     with AnyReader([trial_bag]) as reader:
-        assert {c.topic: c.msgtype for c in reader.connections} == topics.RECORDED_LIVE | topics.RECORDED_ONCE
+        types = {c.topic: c.msgtype for c in reader.connections}
+        assert types == topics.RECORDED_LIVE | topics.RECORDED_ONCE | EFFORTS
         connections = [c for c in reader.connections if c.topic == topics.CONTROL_STATES]
         states = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
     assert len(states) == 125
@@ -51,7 +55,8 @@ def test_the_writer_counts_what_it_has_written(tmp_path: Path, trial: SyntheticT
     with TrialBagWriter(tmp_path / "bag", {}) as writer:
         for topic, time_ns, data in trial.messages():
             writer.write(topic, time_ns, data)
-    assert writer.counts == dict.fromkeys(topics.RECORDED_LIVE, 125) | dict.fromkeys(topics.RECORDED_ONCE, 1)
+    live = [*topics.RECORDED_LIVE, *EFFORTS]
+    assert writer.counts == dict.fromkeys(live, 125) | dict.fromkeys(topics.RECORDED_ONCE, 1)
 
 
 def test_a_closed_bag_leaves_nothing_else_behind(trial_bag: Path) -> None:

@@ -30,7 +30,7 @@ def judge_connections(
             not commanders,
             _listed(commanders),
             "nobody else commands the arm",
-            "end whoever else commands efforts (tel practice, an old ep_controller, arm_guard) first",
+            "end whoever else commands the arm (tel practice, an old ep_controller, arm_guard) first",
             blocks=True,
         ),
         judged(
@@ -38,7 +38,7 @@ def judge_connections(
             len(listeners) == 1 and listeners[0][1] == COMMAND_TYPE,
             _listed(listeners),
             f"one, of {COMMAND_TYPE}",
-            "start and activate the effort controller; end a second one",
+            "start and activate the controller that takes the commands; end a second one",
             blocks=True,
         ),
     ]

@@ -12,6 +12,7 @@ from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.control.load import HoldingLoad
 from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
 from tel_ros.core.errors import EffortError, TrajectoryError
@@ -19,7 +20,7 @@ from tel_ros.core.safety.layer import Permitted, SafetyLayer
 from tel_ros.core.safety.limits import Limits
 from tel_ros.core.safety.state_age import StateAge
 from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
-from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 SHORTEST_APPROACH_S = 0.5
 
@@ -61,7 +62,11 @@ class EpController:
         )
         self.safety = SafetyLayer(arm, safety, control.rate_hz)
         """Through which every effort goes."""
-        self._lets_go = safety.final_effort == "zero"
+        self._set_point = (
+            SetPointGuard(arm, control.state_timeout_s) if arm.command_interface == "position" else None
+        )
+        # A position drive cannot let go: it holds its last set point.
+        self._lets_go = safety.final_effort == "zero" and self._set_point is None
         self._control = control
         self._n_joints = len(arm.joints)
         self._age = StateAge(control.state_timeout_s)
@@ -88,6 +93,11 @@ class EpController:
         """Why no trial may start until :meth:`reset_stop`; None: one may."""
         self._rest = self._new_rest_detector()
         self._still = False
+
+    @property
+    def commands(self) -> SafetyLayer | SetPointGuard:
+        """Who keeps what the arm is to get now."""
+        return self._set_point or self.safety
 
     @property
     def active(self) -> bool:
@@ -123,6 +133,8 @@ class EpController:
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         if goal.springs is not None:
             goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
+            if self._set_point is not None and not goal.springs.equal(self._configured):
+                raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
         self._goal, self.report = goal, None
         self._outcome, self._message = Outcome.COMPLETED, ""
         self._score, self._ticks, self._run_ns, self._start_ns = TrackingScore(self._n_joints), 0, 0, 0
@@ -206,8 +218,8 @@ class EpController:
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(state)
-        effort, saturated = self._effort(state, target)
-        self._equilibrium = target.equilibrium
+        equilibrium, effort, saturated = self._command(state, target)
+        self._equilibrium = equilibrium
         if self.phase == Phase.RUN:
             self._score.add(state.position_rad - target.position, effort, saturated)
         tick = Tick(
@@ -216,12 +228,27 @@ class EpController:
             desired_position_rad=target.position,
             desired_velocity_rad_s=target.velocity,
             desired_acceleration_rad_s2=target.acceleration,
-            equilibrium_rad=target.equilibrium,
+            equilibrium_rad=equilibrium,
             effort_nm=effort,
             saturated=saturated,
         )
         self._finish_if_over(state.time_ns)
         return tick
+
+    def _command(self, state: ArmState, target: _Target) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return equilibrium points, efforts, and whether something but the law has decided on them."""
+        permitted = self._effort(state, target)
+        if self._set_point is None:
+            return target.equilibrium, *permitted
+        # The set point at which the drive exerts what is permitted.
+        asked = np.where(
+            permitted.changed,
+            self._law.equilibrium(permitted.effort_nm, state.position_rad, state.velocity_rad_s),
+            target.equilibrium,
+        )
+        sent, held_back = self._set_point.follow(asked, state)
+        exerted = self._law.effort(sent, state.position_rad, state.velocity_rad_s)
+        return sent, self.safety.limit.nearest(exerted), permitted.changed | held_back
 
     def _effort(self, state: ArmState, target: _Target) -> Permitted:
         """Return what the springs and dampers exert, as far as it is permitted."""

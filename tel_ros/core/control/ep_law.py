@@ -30,3 +30,12 @@ class EpLaw:
             - self.damping_nms_per_rad * velocity_rad_s
         )
         return wanted
+
+    def equilibrium(
+        self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
+    ) -> FloatArray:
+        """Return the equilibrium points [rad] at which they want an effort. Shapes (n_joints,)."""
+        wanted: FloatArray = (
+            position_rad + (effort_nm + self.damping_nms_per_rad * velocity_rad_s) / self.stiffness_nm_per_rad
+        )
+        return wanted

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 import numpy as np
 
@@ -92,6 +93,10 @@ class Tick:
     equilibrium_rad: FloatArray
     effort_nm: FloatArray
     saturated: BoolArray
+
+    def command(self, interface: Literal["effort", "position"]) -> FloatArray:
+        """Return what the arm gets: efforts in N·m, or equilibrium points in rad. Shape (n_joints,)."""
+        return self.effort_nm if interface == "effort" else self.equilibrium_rad
 
 
 @dataclass(frozen=True)

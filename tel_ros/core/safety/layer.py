@@ -55,6 +55,11 @@ class SafetyLayer:
         self.last_nm = np.zeros(self._n_joints)
         """What the arm was last permitted. Shape (n_joints,)."""
 
+    @property
+    def last_command(self) -> FloatArray:
+        """What an arm that takes efforts is to get."""
+        return self.last_nm
+
     def _elapsed_s(self, time_ns: int) -> float:
         """Return for how long efforts may have grown since the last one: two periods at most."""
         if self._last_ns is None:

@@ -1,0 +1,73 @@
+"""What may be sent to a drive that is the spring and damper itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tel_ros.core.config import ArmConfig
+from tel_ros.core.control.records import ArmState
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
+
+
+class SetPointGuard:
+    """Keeps the equilibrium points that a position drive gets within reach of the arm, and from jumping.
+
+    A drive that closes its own loop obeys a wrong set point with all the effort that it has. So what is
+    sent (ours, not the paper's)
+
+    - asks the springs for no more than the effort limit: u - q is at most (τ_max + B q̇) / K in the
+      direction of the motion, and τ_max / K against it, where a damper that brakes with more than the
+      limit is the drive's own to clip. A command whose effort is within the limits is never changed by
+      this;
+    - stays within the range of the joints, widened by the largest of these distances, wherever the arm says
+      that it is;
+    - moves no faster than ``arm.set_point_speed_rad_s``, in arm time.
+
+    Where they disagree, the later one holds: an arm that is pushed away is followed in time.
+
+    Args:
+        arm: springs and limits; its empty limits must have been filled from the URDF.
+        longest_gap_s: a longer time between two states does not allow a longer way.
+    """
+
+    def __init__(self, arm: ArmConfig, longest_gap_s: float) -> None:
+        self._stiffness = np.array(arm.stiffness_nm_per_rad)
+        self._damping = np.array(arm.damping_nms_per_rad)
+        self._effort_limit = np.array(arm.effort_limit_nm)
+        self._velocity_limit = np.array(arm.velocity_limit_rad_s)
+        self._speed = np.array(arm.set_point_speed_rad_s or arm.velocity_limit_rad_s)
+        self._longest_gap_ns = round(longest_gap_s * NS_PER_S)
+        most = (self._effort_limit + self._damping * self._velocity_limit) / self._stiffness
+        self._lowest = np.array(arm.position_min_rad) - most
+        self._highest = np.array(arm.position_max_rad) + most
+        self._sent: FloatArray | None = None
+        self._sent_ns = 0
+
+    @property
+    def last_command(self) -> FloatArray | None:
+        """The set point that was sent last; None: none so far. Shape (n_joints,)."""
+        return self._sent
+
+    def follow(self, asked_rad: FloatArray, state: ArmState) -> tuple[FloatArray, BoolArray]:
+        """Return the set point to send, and for each joint whether it is another than was asked for.
+
+        The very first one is taken as if the drive held the arm where it is: a spring may be let go.
+
+        Args:
+            asked_rad: the equilibrium points of the control law; one that is not finite is not followed.
+                Shape (n_joints,).
+            state: the state that is answered.
+        """
+        q = state.position_rad
+        last = q if self._sent is None else self._sent
+        gap_ns = 0 if self._sent is None else min(max(state.time_ns - self._sent_ns, 0), self._longest_gap_ns)
+        damping = self._damping * np.clip(state.velocity_rad_s, -self._velocity_limit, self._velocity_limit)
+        low = q + (np.minimum(damping, 0.0) - self._effort_limit) / self._stiffness
+        high = q + (np.maximum(damping, 0.0) + self._effort_limit) / self._stiffness
+        step = self._speed * (gap_ns / NS_PER_S)
+
+        wanted = np.where(np.isfinite(asked_rad), asked_rad, last)
+        wanted = np.clip(np.clip(wanted, low, high), self._lowest, self._highest)
+        sent = np.clip(wanted, last - step, last + step)
+        self._sent, self._sent_ns = sent, state.time_ns
+        return sent, sent != asked_rad

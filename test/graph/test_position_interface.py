@@ -1,0 +1,69 @@
+"""The graph with an arm whose drives take equilibrium points."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from graph_harness import PATIENT, Graph, TelProcess, summary_of
+from rosbags.highlevel import AnyReader
+from std_msgs.msg import Float64MultiArray
+from tel_interfaces.msg import TrialResult
+
+from sim_bridge.offline import OfflinePractice
+from tel_ros.recording import topics
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.run_folder import CONFIG_FILE
+from tel_ros.recording.trial_bag import read_trial
+from tel_ros.recording.waypoint_file import load_path
+
+POSITION = "arm.command_interface=position"
+pytestmark = pytest.mark.timeout(120)
+
+
+def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
+    tel: Callable[..., TelProcess],
+) -> None:
+    quick = ("practice.trials=1", "practice.first_duration_s=4.0", "practice.goal_duration_s=4.0")
+    run = tel(POSITION, *quick, "control.approach_speed_rad_s=1.5", *PATIENT)
+    code, out, err = run.finish()
+    assert code == 0, err
+    config = load_config(run.folder / CONFIG_FILE)
+    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        offline = [done.trial for done in practice.run()]
+    for row, expected in zip(summary_of(out)["trials"], offline, strict=True):
+        bag = run.folder / row["bag"]
+        trial = read_trial(bag)
+        np.testing.assert_array_equal(trial.equilibrium_rad, expected.equilibrium_rad)
+        np.testing.assert_array_equal(trial.position_rad, expected.position_rad)
+        with AnyReader([bag]) as reader:
+            connections = [c for c in reader.connections if c.topic in topics.RECORDED_COMMANDS]
+            assert [c.topic for c in connections] == [topics.POSITION_COMMANDS]
+            sent = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages(connections)]
+        np.testing.assert_array_equal(sent, trial.equilibrium_rad)
+
+
+def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero_is_a_posture(
+    graph: Callable[..., Graph],
+) -> None:
+    start = "sim.initial_position_rad=[0.6, 1.2]"
+    running = graph(
+        ["sim_bridge", "ep_controller"], POSITION, start, "sim.clock=realtime", "control.state_timeout_s=3.0"
+    )
+    commands = running.listen(Float64MultiArray, topics.POSITION_COMMANDS, depth=20_000)
+    efforts = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.wait_for_controller()
+    handle = running.send(running.goal(6.0))
+    running.spin_until(lambda: len(commands) > 100, 20.0, "commands")
+    running.signal("sim_bridge", signal.SIGKILL)
+    result = running.result(handle)
+    assert result.outcome == TrialResult.ABORTED
+    assert "no joint state for 3.0 s" in result.message
+    assert "the drive holds its last set point" in running.log("ep_controller")
+    running.processes.stop()
+    running.spin_until(lambda: running.node.count_publishers(topics.POSITION_COMMANDS) == 0, 20.0, "the end")
+    assert efforts == []
+    assert [message for message in commands if not any(message.data)] == []
