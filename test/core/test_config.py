@@ -73,6 +73,7 @@ BAD: list[tuple[type, str, Any, str]] = [
         )
         for bad in NOT_POSITIVE
     ),
+    *((ControlConfig, "realtime_priority", bad, "a whole number from 0 to 98") for bad in (-1, 99)),
     *((ControlConfig, "settle_timeout_s", bad, "above settle_time_s = 0.5 s") for bad in (0.5, NAN, INF)),
     *(
         (SimConfig, key, bad, "a finite number above 0")
