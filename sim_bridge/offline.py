@@ -48,7 +48,7 @@ class OfflineTrial:
         equilibrium_rad: û. Shape (n, n_joints).
         position_rad: ŷ as measured. Shape (n, n_joints).
         velocity_rad_s: as measured. Shape (n, n_joints).
-        effort_nm: as commanded. Shape (n, n_joints).
+        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
         saturated: whether the effort was clipped. Shape (n, n_joints).
         springs: those of the trial, if they were not the configured ones.
     """

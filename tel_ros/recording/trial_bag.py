@@ -44,7 +44,7 @@ class RecordedTrial:
         equilibrium_rad: û. Shape (n, n_joints).
         position_rad: ŷ as measured. Shape (n, n_joints).
         velocity_rad_s: as measured. Shape (n, n_joints).
-        effort_nm: as commanded. Shape (n, n_joints).
+        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
         saturated: whether the effort was clipped. Shape (n, n_joints).
         command_std_rad: standard deviation that the network expected of the error in û, for the ticks of RUN
             (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
