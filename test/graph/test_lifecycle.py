@@ -15,7 +15,7 @@ from tel_interfaces.msg import ControlState, TrialResult
 from tel_ros.recording import topics
 
 StartGraph = Callable[..., Graph]
-pytestmark = pytest.mark.timeout(200)
+pytestmark = pytest.mark.timeout(400)
 
 
 def state(running: Graph) -> int:
@@ -43,12 +43,12 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
     assert commands == []  # active, and nobody has asked for a trial
 
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(6.0))
+    handle = running.send(running.goal(4.5))
     running.spin_until(lambda: any(s.phase == ControlState.RUN for s in states[-50:]), 90.0, "RUN")
     assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
     assert state(running) == State.PRIMARY_STATE_ACTIVE
     assert "deactivate is refused: a trial is under way" in running.log("ep_controller")
-    result = running.result(handle)
+    result = running.result(handle, 120.0)
     assert result.outcome == TrialResult.COMPLETED, result.message
 
     assert running.change_state(Transition.TRANSITION_DEACTIVATE)
@@ -58,7 +58,7 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
     refused("ep_controller is inactive; expected active")
     # And it can be used again.
     assert running.change_state(Transition.TRANSITION_ACTIVATE)
-    again = running.result(running.send(running.goal()))
+    again = running.result(running.send(running.goal()), 120.0)
     assert again.outcome == TrialResult.COMPLETED, again.message
 
 
@@ -67,10 +67,10 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(6.0))
+    handle = running.send(running.goal(4.5))
     running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    result = running.result(handle)
+    result = running.result(handle, 120.0)
     assert result.outcome == TrialResult.CANCELLED
     running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
     assert max(abs(v) for v in states[-1].velocity_rad_s) < 0.1

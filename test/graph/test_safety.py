@@ -22,7 +22,7 @@ from tel_ros.nodes import qos
 from tel_ros.recording import topics
 
 StartGraph = Callable[..., Graph]
-pytestmark = pytest.mark.timeout(200)
+pytestmark = pytest.mark.timeout(400)
 
 
 def trigger(running: Graph, name: str) -> Trigger.Response:
@@ -41,7 +41,7 @@ def test_an_emergency_stop_brakes_the_arm_and_lasts_until_its_reset(graph: Start
     running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
     assert trigger(running, topics.SAFETY_STOP).success
     running.spin_until(lambda: bool(stopped) and stopped[-1].data, 10.0, "the latched topic")
-    result = running.result(trial)
+    result = running.result(trial, 120.0)
     assert result.outcome == TrialResult.ABORTED
     assert "emergency stop (/safety/stop)" in result.message
     # safety.final_effort is zero: first the brake, then nothing.
@@ -55,7 +55,7 @@ def test_an_emergency_stop_brakes_the_arm_and_lasts_until_its_reset(graph: Start
     assert "emergency stop" in refused.message
     running.spin_until(lambda: trigger(running, topics.SAFETY_RESET).success, 20.0, "the reset")
     running.spin_until(lambda: not stopped[-1].data, 10.0, "the latched topic")
-    again = running.result(running.send(running.goal()))
+    again = running.result(running.send(running.goal()), 120.0)
     assert again.outcome == TrialResult.COMPLETED, again.message
 
 
