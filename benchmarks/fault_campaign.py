@@ -205,6 +205,9 @@ class Injection:
             later = [h for k, h in self._tap.begun.items() if k > self._trial and h.wall_s > over_wall_s]
             return bool(later) and not kind.ends_run
 
+        if kind.interrupt_after_s is not None:
+            self._graph.wait(self._graph.ended, kind.interrupt_after_s)
+            self._graph.send("tel", signal.SIGINT)
         if not self._graph.wait(lambda: self._graph.ended() or next_trial(), END_TIMEOUT_S):
             row.violations.append(
                 f"neither the run's end nor another trial came within {END_TIMEOUT_S:.0f} s"
@@ -288,6 +291,8 @@ class Injection:
             last = self._tap.commands[-1].raw if self._tap.commands else None
             if last is not None and not _is_zero(last):
                 row.violations.append("the last command that anybody sent was not zero")
+        elif not self._graph.setup.in_between:
+            return  # time stands still in lockstep once nobody commands: the last effort does not act
         elif len(trace.effort_nm) and np.abs(trace.effort_nm[-1]).max() > ZERO_NM:
             row.violations.append("the motors still acted after the run")
 

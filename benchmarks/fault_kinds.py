@@ -9,6 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from fault_setups import RATE_HZ, TRIAL_S
 
+from tel_ros.app.bring_up import MODULES
+
 Expectation = Literal["stop", "ride", "either", "end"]
 EXPECTATIONS: dict[Expectation, str] = {
     "stop": "the arm is braked, held or without effort within 0.1 s of arm time, until the next trial begins",
@@ -19,7 +21,8 @@ EXPECTATIONS: dict[Expectation, str] = {
     "arm is braked as soon as the controller says STOP",
 }
 IN_BETWEEN = ("planar", "planar_3", "iiwa")
-NODES = ("ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager")
+OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
+"""Nodes that a trial, once begun, does not need."""
 STATES_LOST = r"no joint state|no joint states|stamps of the joint states|off its desired|moves at|is at "
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
 SILENCE_S = 0.1
@@ -44,6 +47,7 @@ class Kind:
         ends_run: whether the run is over then.
         codes: with what ``tel practice`` may exit then.
         weight: how often it is drawn.
+        interrupt_after_s: when somebody presses Ctrl-C (wall clock); None: nobody does.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Kind:
     ends_run: bool = False
     codes: tuple[int, ...] = ()
     weight: float = 1.0
+    interrupt_after_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -309,7 +314,7 @@ KINDS: dict[str, Kind] = {
                 setups=(*IN_BETWEEN, "lockstep"),
                 weight=0.5,
             )
-            for node in ("inverse_dynamics", "trial_recorder", "practice_manager", "tel")
+            for node in (*OUTSIDE_THE_LOOP, "tel")
         ),
         Kind(
             *("kill_ep_controller", "process", "SIGKILL"),
@@ -331,8 +336,7 @@ KINDS: dict[str, Kind] = {
                 codes=(3,),
                 weight=0.7,
             )
-            for node in NODES
-            if node != "ep_controller"
+            for node in OUTSIDE_THE_LOOP
         ),
         Kind(
             *("kill_sim_bridge", "process", "SIGKILL: the driver of the arm is gone"),
@@ -386,9 +390,20 @@ KINDS: dict[str, Kind] = {
             )
             for node, says in (
                 ("trial_recorder", "trial_recorder"),
-                ("inverse_dynamics", "inverse_dynamics"),
                 ("practice_manager", "practice_manager|practice manager"),
             )
+        ),
+        Kind(
+            *("hang_inverse_dynamics", "process", "SIGSTOP for good, and Ctrl-C 10 s later"),
+            "Learning may take minutes, and the run waits for it as long (600 s); the arm is held "
+            "meanwhile. Ctrl-C "
+            "ends the run, whatever hangs.",
+            *(_nothing, _always("end"), "interrupted"),
+            setups=("lockstep",),
+            ends_run=True,
+            codes=(130,),
+            weight=0.2,
+            interrupt_after_s=10.0,
         ),
         Kind(
             *("disk_full", "disk", "the disk with the run's folder has no free block any more (ENOSPC)"),
