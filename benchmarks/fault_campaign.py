@@ -30,9 +30,9 @@ from tel_ros.recording.run_folder import read_summary, trial_bag
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
 TRIES = 3
-"""A fault is injected again if the machine, not the fault, ended its trial."""
+"""A fault is injected again if something else disturbed it; the last time counts."""
 STALL_S = 0.05
-"""Nothing of the arm for so long, before the fault or in a channel that it does not disturb: a stall."""
+"""The arm said nothing for so long, although the fault does not concern its process: the machine stalled."""
 AFTERWARDS_S = 0.4
 ZERO_NM = 1e-9
 
@@ -53,7 +53,8 @@ class Row:
     effort_share: float = 0.0
     speed_share: float = 0.0
     excursion_rad: float | None = None
-    tries: int = 1
+    earlier: list[str] = field(default_factory=list)
+    """Violations in tries before, which the machine or the end of the run before the fault had disturbed."""
     stall_s: float = 0.0
     bags: int = 0
     wall_s: float = 0.0
@@ -79,7 +80,7 @@ class Batch:
     ) -> None:
         self._waiting, self._results = list(faults), results
         self._folder, self._domains, self._keep = folder, domains, keep
-        self._tries: dict[int, int] = {}
+        self._earlier: dict[int, list[str]] = {}
 
     def run(self) -> list[Row]:
         """Inject all of them."""
@@ -104,8 +105,11 @@ class Batch:
                 while self._waiting and not graph.ended():
                     fault = self._waiting[0]
                     row = injection.inject(fault)
-                    row.tries = self._tries[fault.index] = self._tries.get(fault.index, 0) + 1
-                    if row.stall_s > STALL_S and row.violations and row.tries < TRIES:
+                    earlier = self._earlier.setdefault(fault.index, [])
+                    row.earlier = list(earlier)
+                    disturbed = row.stall_s > STALL_S or not row.trial
+                    if disturbed and row.violations and len(earlier) < TRIES - 1:
+                        earlier.append(f"{'; '.join(row.violations)} (stall of {row.stall_s} s)")
                         continue
                     rows.append(row)
                     self._store(row)

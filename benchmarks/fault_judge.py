@@ -176,7 +176,13 @@ def _has_to_be_safe_since(trace: Trace, episode: Episode) -> int | None:
         and control.trial in (0, episode.trial)
         and control.phase == Phase.STOP
     ]
-    return max(said[0], episode.fault_ns) if said else None
+    if said:
+        return max(said[0], episode.fault_ns)
+    if episode.completed:
+        return None
+    # Nobody has said anything, and nobody has brought the trial to its end: since then nothing may act.
+    ticks = [control.arm_ns for control in trace.controls if control.trial == episode.trial]
+    return max([episode.fault_ns, *ticks[-1:]])
 
 
 def _begins_again(trace: Trace, episode: Episode, since_ns: int) -> int:

@@ -41,6 +41,8 @@ def write_page(rows: Sequence[Row], file: Path, command: str) -> None:
     ]
     if violated:
         parts += ["## Violations", _violations(violated)]
+    if any(row.earlier for row in judged):
+        parts += ["## Found when something else disturbed", _earlier(judged)]
     parts += ["## What this does not show", _limits()]
     file.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
@@ -86,7 +88,7 @@ def _markdown(rows: Sequence[Row]) -> str:
 
 
 def _summary(rows: Sequence[Row], judged: Sequence[Row], violated: Sequence[Row]) -> str:
-    repeated = sum(row.tries > 1 for row in judged)
+    repeated = sum(bool(row.earlier) for row in judged)
     text = (
         f"{len(judged)} faults were injected into the running graph (real processes over DDS), "
         f"{len(violated)} of "
@@ -96,9 +98,10 @@ def _summary(rows: Sequence[Row], judged: Sequence[Row], violated: Sequence[Row]
     )
     if repeated:
         text += (
-            f" {repeated} faults were injected again, at most {TRIES} times, because the machine had stood "
-            f"still "
-            f"for more than {1e3 * STALL_S:.0f} ms around them; the last try counts."
+            f" {repeated} faults were injected again, {TRIES - 1} times at most, because something else had "
+            f"disturbed them: the machine stood still for more than {1e3 * STALL_S:.0f} ms, or the run "
+            f"ended before "
+            "the fault came. The last time counts; what was found before is below."
         )
     if len(judged) < len(rows):
         reasons = sorted({row.skipped for row in rows if row.skipped})
@@ -177,6 +180,15 @@ def _violations(violated: Sequence[Row]) -> str:
 
     rest = [f"- and {len(violated) - MANY} more"] if len(violated) > MANY else []
     return "\n".join([*map(_plainly(tell), violated[:MANY]), *rest])
+
+
+def _earlier(judged: Sequence[Row]) -> str:
+    def tell(row: Row) -> str:
+        return f"- {row.fault.index}, {row.fault.kind} in `{row.fault.setup}`: {' | '.join(row.earlier)}."
+
+    told = [row for row in judged if row.earlier]
+    rest = [f"- and {len(told) - MANY} more"] if len(told) > MANY else []
+    return "\n".join([*map(_plainly(tell), told[:MANY]), *rest])
 
 
 def _plainly(tell: Callable[[Row], str]) -> Callable[[Row], str]:

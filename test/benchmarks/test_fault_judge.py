@@ -133,11 +133,23 @@ def test_a_trial_that_begins_on_a_braked_arm_that_still_moves_is_found() -> None
 @pytest.mark.parametrize("expects", ["either", "end"])
 def test_where_the_trial_may_go_on_the_arm_has_to_brake_only_from_stop_on(expects: str) -> None:
     driven = braked(0.5, drive_nm=4.0)
-    assert judged(driven, expects=expects).violations == ()
+    assert judged(driven, expects=expects, completed=True).violations == ()
     in_time = replace(driven, controls=[Control(round(0.69e9), 1, Phase.STOP)])
     assert judged(in_time, expects=expects).violations == ()
     late = replace(driven, controls=[Control(round(0.45e9), 1, Phase.STOP)])
     assert "drove the arm until" in judged(late, expects=expects).violations[0]
+
+
+@pytest.mark.parametrize("expects", ["either", "end"])
+def test_where_a_controller_falls_silent_in_mid_trial_nothing_may_act_from_then_on(expects: str) -> None:
+    effort = np.zeros(N)
+    effort[:100] = 2.0
+    ticks = [Control(round(k * PERIOD_S * 1e9), 1, Phase.RUN) for k in range(100)]
+    quiet = replace(moved(effort, speed_rad_s=0.0), controls=ticks)
+    assert judged(quiet, expects=expects).violations == ()
+    effort[100:200] = 2.0
+    driven = replace(moved(effort, speed_rad_s=0.0), controls=ticks)
+    assert any("drove the arm until" in text for text in judged(driven, expects=expects).violations)
 
 
 def test_a_trial_that_should_have_gone_on_and_was_aborted_is_found() -> None:
