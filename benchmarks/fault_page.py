@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -192,11 +193,8 @@ def _earlier(judged: Sequence[Row]) -> str:
 
 
 def _plainly(tell: Callable[[Row], str]) -> Callable[[Row], str]:
-    """Keep what a message quotes from the machine out of the page: paths of files."""
-    return lambda row: " ".join(
-        "…" + word[word.rfind("/") :] if word.startswith("/") and word.count("/") > 2 else word
-        for word in tell(row).split(" ")
-    )
+    """Keep the folders that a message quotes from the machine out of the page."""
+    return lambda row: re.sub(r"(?<![\w.])/(?:[\w.+-]+/){2,}", "…/", tell(row))
 
 
 def _limits() -> str:

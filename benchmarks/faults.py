@@ -108,6 +108,9 @@ def main() -> None:
         command = (
             f"benchmarks/faults.py --faults {options.faults} --seed {options.seed} --jobs {options.jobs}"
         )
+        for option in ("only", "setup"):
+            names = getattr(options, option)
+            command += f" --{option} {' '.join(names)}" if names else ""
         write_page(rows, options.page or ROOT / "docs" / "faults.md", command)
     sys.exit(1 if any(row.violations for row in rows) else 0)
 
