@@ -21,6 +21,8 @@ EXPECTATIONS: dict[Expectation, str] = {
     "arm is braked as soon as the controller says STOP",
 }
 IN_BETWEEN = ("planar", "planar_3", "iiwa")
+LOCKSTEP = ("lockstep", "iiwa_lockstep")
+EVERYWHERE = (*IN_BETWEEN, *LOCKSTEP)
 OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
 """Nodes that a trial, once begun, does not need."""
 STATES_LOST = r"no joint state|no joint states|stamps of the joint states|off its desired|moves at|is at "
@@ -297,7 +299,7 @@ KINDS: dict[str, Kind] = {
             *("pause_in_lockstep", "process", "ep_controller gets SIGSTOP for 0.2 to 1.5 s"),
             "The arm's time stands still, for 1 s at most: then it coasts without effort.",
             *(_pause, _always("either"), STATES_LOST),
-            setups=("lockstep",),
+            setups=LOCKSTEP,
         ),
         Kind(
             *("pause_sim_bridge", "process", "SIGSTOP for 0.2 to 1.5 s: the driver stands still"),
@@ -311,7 +313,7 @@ KINDS: dict[str, Kind] = {
                 "SIGSTOP for 0.2 to 1.5 s",
                 _LOOP_WHOLE,
                 *(_pause, _always("ride"), STATES_LOST),
-                setups=(*IN_BETWEEN, "lockstep"),
+                setups=EVERYWHERE,
                 weight=0.5,
             )
             for node in (*OUTSIDE_THE_LOOP, "tel")
@@ -320,7 +322,7 @@ KINDS: dict[str, Kind] = {
             *("kill_ep_controller", "process", "SIGKILL"),
             _WATCHDOG + "the run ends and says which node died.",
             *(_nothing, _always("stop"), "node ep_controller was killed by SIGKILL"),
-            setups=(*IN_BETWEEN, "lockstep"),
+            setups=EVERYWHERE,
             ends_run=True,
             codes=(3,),
         ),
@@ -331,7 +333,7 @@ KINDS: dict[str, Kind] = {
                 "SIGKILL",
                 "The run ends: the controller brakes the arm, then its effort goes to zero.",
                 *(_nothing, _always("end"), f"node {node} was killed by SIGKILL"),
-                setups=(*IN_BETWEEN, "lockstep"),
+                setups=EVERYWHERE,
                 ends_run=True,
                 codes=(3,),
                 weight=0.7,
@@ -342,7 +344,7 @@ KINDS: dict[str, Kind] = {
             *("kill_sim_bridge", "process", "SIGKILL: the driver of the arm is gone"),
             "What the motors do is then the drive's business. The last command that anybody sends is zero.",
             *(_nothing, _always("end"), r"node sim_bridge was killed by SIGKILL|no joint state"),
-            setups=("planar", "lockstep"),
+            setups=("planar", *LOCKSTEP),
             ends_run=True,
             codes=(3,),
             weight=0.7,
@@ -353,7 +355,7 @@ KINDS: dict[str, Kind] = {
             "the "
             "log of the controller.",
             *(_nothing, _always("end"), "CANCELLED"),
-            setups=(*IN_BETWEEN, "lockstep"),
+            setups=EVERYWHERE,
             ends_run=True,
             codes=(-9,),
             weight=0.7,
@@ -362,7 +364,7 @@ KINDS: dict[str, Kind] = {
             *("interrupt", "process", "SIGINT to `tel practice`"),
             "The controller brakes the arm, then its effort goes to zero.",
             *(_nothing, _always("end"), "interrupted"),
-            setups=(*IN_BETWEEN, "lockstep"),
+            setups=EVERYWHERE,
             ends_run=True,
             codes=(130,),
             weight=0.7,
@@ -371,7 +373,7 @@ KINDS: dict[str, Kind] = {
             *("hang_ep_controller", "process", "SIGSTOP for good"),
             _WATCHDOG + "the run ends because the controller does not answer.",
             *(_nothing, _always("stop"), "execute_trial was silent"),
-            setups=("planar", "lockstep"),
+            setups=("planar", *LOCKSTEP),
             ends_run=True,
             codes=(3,),
             weight=0.3,
@@ -409,7 +411,7 @@ KINDS: dict[str, Kind] = {
             *("disk_full", "disk", "the disk with the run's folder has no free block any more (ENOSPC)"),
             "The trial may end; its bag stays unfinished, the run ends and says so.",
             *(_nothing, _always("end"), "No space left on device|room on the disk"),
-            setups=(*IN_BETWEEN, "lockstep"),
+            setups=EVERYWHERE,
             ends_run=True,
             codes=(1, 3),
         ),
@@ -417,7 +419,7 @@ KINDS: dict[str, Kind] = {
             *("recorder_file_limit", "disk", "no file of trial_recorder can grow any more (EFBIG)"),
             "As a full disk, for the recorder alone.",
             *(_nothing, _always("end"), "File too large|room on the disk"),
-            setups=("planar", "lockstep"),
+            setups=("planar", *LOCKSTEP),
             ends_run=True,
             codes=(1, 3),
             weight=0.7,
@@ -425,7 +427,7 @@ KINDS: dict[str, Kind] = {
     )
 }
 
-_SETUP_WEIGHTS = {"planar": 0.5, "planar_3": 0.15, "iiwa": 0.15, "lockstep": 0.2}
+_SETUP_WEIGHTS = {"planar": 0.5, "planar_3": 0.15, "iiwa": 0.1, "lockstep": 0.15, "iiwa_lockstep": 0.1}
 _END_SHARE = 0.3
 """Of all faults that end a run: each of these costs a graph that has to come up."""
 

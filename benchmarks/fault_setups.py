@@ -92,5 +92,6 @@ SETUPS = {
         Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, 0.3, False),
         Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, 0.3, True),
         Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, 0.3, False),
+        Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, 0.3, True),
     )
 }
