@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+import psutil
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
 from fault_judge import Episode, JointLimits, Trace, judge
 from fault_kinds import ANY_REASON, KINDS, Fault, Kind
@@ -153,10 +154,13 @@ class Injection:
         """Inject a fault at its moment of the next trial, wait for what comes of it, and judge that."""
         started = time.monotonic()
         kind, row = KINDS[fault.kind], Row(fault)
+        self._trial = 0
         self._graph.wait(lambda: self._graph.ended() or self._complete(), START_TIMEOUT_S)
-        begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))
+        begun = self._tap.when(
+            self._next_trial, fault.offset_s, lambda trial: self._act_if_there(fault, trial)
+        )
         self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
-        if not begun.is_set():
+        if not self._trial:
             row.message = self._graph.last_words()
             row.violations = [f"no trial came to inject it into: {row.message or 'nothing was said'}"]
             row.wall_s = time.monotonic() - started
@@ -171,6 +175,13 @@ class Injection:
     def _complete(self) -> bool:
         """Whether all processes are there."""
         return {*node_names(self._graph.config), "sim_bridge", "tel"} <= set(self._graph.nodes())
+
+    def _act_if_there(self, fault: Fault, trial: int) -> None:
+        """Do it, unless the process that it concerns is not there: then there is no trial of this fault."""
+        try:
+            self._act(fault, trial)
+        except (KeyError, psutil.NoSuchProcess):
+            self._trial = 0
 
     def _act(self, fault: Fault, trial: int) -> None:
         """Do it. Called in the thread of the observer, between two messages."""

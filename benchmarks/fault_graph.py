@@ -22,7 +22,7 @@ from tel_ros.core.config import Config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
 
 DISK_MB = 24
-START_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 120.0
 END_TIMEOUT_S = 75.0
 """Longer than the practice manager waits for an answer, and bring-up for the nodes' end."""
 _GOODBYE_S = 12.0

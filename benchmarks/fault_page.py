@@ -27,13 +27,13 @@ def table(rows: Sequence[Row]) -> str:
     )
 
 
-def write_page(rows: Sequence[Row], file: Path, command: str) -> None:
-    """Write the page about a campaign."""
+def write_page(rows: Sequence[Row], file: Path, command: str, planned: int) -> None:
+    """Write the page about a campaign, of which so many faults were planned."""
     judged = [row for row in rows if not row.skipped]
     violated = [row for row in judged if row.violations]
     parts = [
         "# Faults",
-        f"Made by `{command}`.",
+        f"Made by `{command}`." + ("" if len(rows) == planned else f" So far {len(rows)} of {planned}."),
         _summary(rows, judged, violated),
         *("## Graphs", _setups(rows)),
         *("## What is judged", _rules()),

@@ -81,6 +81,7 @@ def main() -> None:
     parser.add_argument("--setup", nargs="+", choices=sorted(SETUPS), default=[])
     parser.add_argument("--domain", type=int, default=20, help="first ROS domain; 20 for each job are used")
     parser.add_argument("--work", type=Path, default=Path("/tmp/tel_faults"), help="for runs and results")
+    parser.add_argument("--stored", action="store_true", help="inject nothing; tell what is stored")
     parser.add_argument(
         "--keep", action="store_true", help="keep the runs of faults without a violation, too"
     )
@@ -97,7 +98,7 @@ def main() -> None:
     done = {row.fault.index for row in rows}
     started = time.monotonic()
     runs = work / f"runs_{time.strftime('%Y%m%d-%H%M%S')}"
-    left = [fault for fault in faults if fault.index not in done]
+    left = [fault for fault in faults if fault.index not in done and not options.stored]
     for row in campaign(left, options.jobs, options.domain, runs, options.keep, results):
         rows.append(row)
         print(line(row), flush=True)
@@ -111,7 +112,7 @@ def main() -> None:
         for option in ("only", "setup"):
             names = getattr(options, option)
             command += f" --{option} {' '.join(names)}" if names else ""
-        write_page(rows, options.page or ROOT / "docs" / "faults.md", command)
+        write_page(rows, options.page or ROOT / "docs" / "faults.md", command, len(faults))
     sys.exit(1 if any(row.violations for row in rows) else 0)
 
 

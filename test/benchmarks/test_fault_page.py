@@ -56,8 +56,9 @@ def test_the_table_counts_faults_violations_and_ways_of_stopping(rows: list[Row]
 
 
 def test_the_page_tells_violations_skipped_and_repeated_faults(rows: list[Row], tmp_path: Path) -> None:
-    write_page(rows, tmp_path / "faults.md", "benchmarks/faults.py --faults 5")
+    write_page(rows, tmp_path / "faults.md", "benchmarks/faults.py --faults 9", 9)
     page = (tmp_path / "faults.md").read_text()
+    assert "So far 5 of 9." in page
     assert "4 faults were injected" in page
     assert "1 of them led to a violation" in page
     assert "1 were skipped: no small disk can be mounted here: not permitted" in page
