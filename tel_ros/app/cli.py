@@ -96,7 +96,10 @@ def practice(
             "interrupted: the arm was brought to rest and all nodes have ended" + _left(folder),
             EXIT_INTERRUPTED,
         )
-    summary = read_summary(folder)
+    try:
+        summary = read_summary(folder)
+    except TelError as error:  # a full disk may have left none
+        end(f"{result.message or error}{_left(folder)}", EXIT_GRAPH_FAILED)
     _show(summary, folder, as_json)
     if with_report and summary["trials"]:
         _report_at_the_end(folder, as_json)

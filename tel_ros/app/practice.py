@@ -18,6 +18,7 @@ from tel_interfaces.action import Practice
 
 from tel_ros.app.bring_up import NodeProcesses, node_names
 from tel_ros.app.errors import GraphError
+from tel_ros.app.liveness import Liveness
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.records import TrialGoal
 from tel_ros.core.errors import ConfigError, TrajectoryError
@@ -128,6 +129,7 @@ def _run(
     on_feedback: OnFeedback,
 ) -> Practice.Result:
     client = ActionClient(node, Practice, topics.PRACTICE)
+    liveness = Liveness(node, "practice_manager")
 
     def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
         end = time.monotonic() + timeout_s
@@ -148,8 +150,14 @@ def _run(
         if not handle.accepted:
             raise GraphError("the practice manager rejected the run")
         finished: Future = handle.get_result_async()
-        spin_until(finished.done, float("inf"), "")
+
+        def is_finished() -> bool:
+            liveness.check()
+            return finished.done()
+
+        spin_until(is_finished, float("inf"), "")
         result: Practice.Result = finished.result().result
         return result
     finally:
+        liveness.close()
         client.destroy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import struct
 import time
-from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -80,6 +80,7 @@ class TrialRecorderNode(Node):
         self._last_bag: Path | None = None
         self._dropped_last = 0
         self._trouble = ""
+        self._ticks: Counter[int] = Counter()
         busy = BusyGroup()
         self.batch_s = _BATCH_S
         self.busy_subscriptions = [
@@ -119,11 +120,14 @@ class TrialRecorderNode(Node):
             stamp_ns = self._newest_ns() if answered_ns is None else answered_ns
         else:
             stamp_ns = header_stamp_ns(raw)
-            if topic == topics.CONTROL_STATES and trial_index(raw) == 0:
-                return  # said between trials
         stamps = self._stamps.setdefault(topic, [])
         if stamps and stamps[-1] == stamp_ns:
             return  # an arm in lockstep repeats its state until it gets an answer
+        if topic == topics.CONTROL_STATES:
+            index = trial_index(raw)
+            if index == 0:
+                return  # said between trials
+            self._ticks[index] += 1
         self._writer.write(topic, stamp_ns, raw)
         stamps.append(stamp_ns)
 
@@ -159,6 +163,7 @@ class TrialRecorderNode(Node):
             return self._refuse(response, error)
         self._last_bag, self._trouble = bag, ""
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
+        self._ticks.clear()
         self._goal = request.goal
         response.success = True
         return response
@@ -245,10 +250,8 @@ class TrialRecorderNode(Node):
         ]
 
     def _dropped(self, result: TrialResult) -> int:
-        stamps = self._stamps[topics.CONTROL_STATES]
-        first = bisect_left(stamps, time_ns(result.start_stamp))
-        arrived = bisect_right(stamps, time_ns(result.end_stamp)) - first
-        return max(0, result.ticks - arrived)
+        """Return how many of a trial's ticks have not arrived: counted, because its clock may have jumped."""
+        return max(0, result.ticks - self._ticks[result.index])
 
     def _write_once(self, writer: TrialBagWriter, result: TrialResult) -> None:
         """Add the goal at the beginning of RUN and the result at the end."""

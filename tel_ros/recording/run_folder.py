@@ -93,8 +93,16 @@ def network_after(folder: Path, index: int) -> Path:
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write the summary of a run, atomically; numbers that are not finite become null."""
-    write_atomically(folder / SUMMARY_FILE, json.dumps(_json_ready(summary), indent=2) + "\n")
+    """Write the summary of a run, atomically; numbers that are not finite become null.
+
+    Raises:
+        InputFileError: the disk does not take it; an earlier summary is still there.
+    """
+    file = folder / SUMMARY_FILE
+    try:
+        write_atomically(file, json.dumps(_json_ready(summary), indent=2) + "\n")
+    except OSError as error:
+        raise InputFileError(file, f"cannot be written ({error})", "room on the disk") from error
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

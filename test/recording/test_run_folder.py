@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -191,6 +192,20 @@ def test_a_summary_comes_back_with_null_for_what_is_no_number(tmp_path: Path) ->
     write_summary(tmp_path, {"a": math.nan, "b": [1.5, math.inf], "c": ({"d": -math.inf}, "ü"), "e": None})
     assert read_summary(tmp_path) == {"a": None, "b": [1.5, None], "c": [{"d": None}, "ü"], "e": None}
     json.loads((tmp_path / SUMMARY_FILE).read_text(encoding="utf-8"), parse_constant=pytest.fail)
+
+
+def test_a_full_disk_is_named_and_the_earlier_summary_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_summary(tmp_path, {"trials": []})
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputFileError, match="summary.json: cannot be written .*No space left on device"):
+        write_summary(tmp_path, {"trials": [1]})
+    assert read_summary(tmp_path) == {"trials": []}
 
 
 def test_numbers_in_a_summary_keep_all_their_digits(tmp_path: Path) -> None:

@@ -1,0 +1,349 @@
+"""Injecting faults into graphs one after the other, and judging each."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import psutil
+from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
+from fault_judge import Episode, JointLimits, Trace, judge
+from fault_kinds import ANY_REASON, KINDS, Fault, Kind
+from fault_messages import corruption
+from fault_setups import SETUPS
+from fault_tap import resting_state
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Float64MultiArray
+
+from tel_ros.app.bring_up import node_names
+from tel_ros.core.control.records import Outcome
+from tel_ros.core.errors import BagError, TelError
+from tel_ros.recording.run_folder import read_summary, trial_bag
+from tel_ros.recording.trial_bag import RecordedTrial, read_trial
+
+TRIES = 3
+"""A fault is injected again if something else disturbed it; the last time counts."""
+STALL_S = 0.05
+"""The arm said nothing for so long, although the fault does not concern its process: the machine stalled."""
+AFTERWARDS_S = 0.4
+ZERO_NM = 1e-9
+
+
+@dataclass
+class Row:
+    """The result of one fault, as it is stored."""
+
+    fault: Fault
+    violations: list[str] = field(default_factory=list)
+    skipped: str = ""
+    outcome: str = ""
+    message: str = ""
+    exit_code: int | None = None
+    trial: int = 0
+    reaction_s: float | None = None
+    stopped: str = "-"
+    effort_share: float = 0.0
+    speed_share: float = 0.0
+    excursion_rad: float | None = None
+    earlier: list[str] = field(default_factory=list)
+    """Violations in tries before, which the machine or the end of the run before the fault had disturbed."""
+    stall_s: float = 0.0
+    bags: int = 0
+    wall_s: float = 0.0
+
+    def as_json(self) -> str:
+        """Return one line."""
+        return json.dumps(asdict(self))
+
+
+class Batch:
+    """Some faults of one kind of graph; a new graph comes up whenever a run has ended.
+
+    Args:
+        faults: in the order of their injection.
+        folder: for the graphs' files; must not exist.
+        domains: ROS domains, one for each graph.
+        keep: whether the files of graphs without a violation are kept.
+        results: file of JSON lines that each row is appended to at once.
+    """
+
+    def __init__(
+        self, faults: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
+    ) -> None:
+        self._waiting, self._results = list(faults), results
+        self._folder, self._domains, self._keep = folder, domains, keep
+        self._earlier: dict[int, list[str]] = {}
+
+    def run(self) -> list[Row]:
+        """Inject all of them."""
+        rows: list[Row] = []
+        n_graphs = 0
+        while self._waiting:
+            folder = self._folder / f"graph_{n_graphs + 1}"
+            done = self._one_graph(folder, self._domains[n_graphs % len(self._domains)])
+            rows += done
+            n_graphs += 1
+            if not self._keep and not any(row.violations for row in done):
+                shutil.rmtree(folder, ignore_errors=True)
+        return rows
+
+    def _one_graph(self, folder: Path, domain: int) -> list[Row]:
+        setup = SETUPS[self._waiting[0].setup]
+        small_disk = any(fault.kind == "disk_full" for fault in self._waiting)
+        rows = []
+        try:
+            with FaultGraph(setup, folder, domain, 3 * len(self._waiting) + 5, small_disk) as graph:
+                injection = Injection(graph)
+                while self._waiting and not graph.ended():
+                    fault = self._waiting[0]
+                    row = injection.inject(fault)
+                    earlier = self._earlier.setdefault(fault.index, [])
+                    row.earlier = list(earlier)
+                    disturbed = row.stall_s > STALL_S or not row.trial
+                    if disturbed and row.violations and len(earlier) < TRIES - 1:
+                        earlier.append(f"{'; '.join(row.violations)} (stall of {row.stall_s} s)")
+                        continue
+                    rows.append(row)
+                    self._store(row)
+                    self._waiting.pop(0)
+        except DiskUnavailableError as error:
+            full = [fault for fault in self._waiting if fault.kind == "disk_full"]
+            # Not stored: a campaign that is gone on with where it is permitted injects them.
+            rows += [Row(fault, skipped=f"no small disk can be mounted here: {error}") for fault in full]
+            self._waiting = [fault for fault in self._waiting if fault.kind != "disk_full"]
+        return rows
+
+    def _store(self, row: Row) -> None:
+        with self._results.open("a", encoding="utf-8") as file:  # one write: others append as well
+            file.write(row.as_json() + "\n")
+
+
+class Injection:
+    """Injects faults into one running graph.
+
+    Args:
+        graph: that runs.
+    """
+
+    def __init__(self, graph: FaultGraph) -> None:
+        self._graph, self._tap = graph, graph.tap
+        arm = graph.config.arm
+        self._limits = JointLimits(
+            np.array(arm.effort_limit_nm),
+            np.array(arm.position_min_rad),
+            np.array(arm.position_max_rad),
+            np.array(arm.velocity_limit_rad_s),
+        )
+        self._joints = arm.joints
+        self._next_trial = 1
+        self._verified: set[int] = set()
+        self._trial = 0
+        self._fault_wall_s = math.inf
+        self._fault_ns = 0
+
+    def inject(self, fault: Fault) -> Row:
+        """Inject a fault at its moment of the next trial, wait for what comes of it, and judge that."""
+        started = time.monotonic()
+        kind, row = KINDS[fault.kind], Row(fault)
+        self._trial = 0
+        self._graph.wait(lambda: self._graph.ended() or self._complete(), START_TIMEOUT_S)
+        begun = self._tap.when(
+            self._next_trial, fault.offset_s, lambda trial: self._act_if_there(fault, trial)
+        )
+        self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
+        if not self._trial:
+            row.message = self._graph.last_words()
+            row.violations = [f"no trial came to inject it into: {row.message or 'nothing was said'}"]
+            row.wall_s = time.monotonic() - started
+            self._give_up()
+            return row
+        self._await_end(fault, kind, row)
+        self._judge(fault, kind, row)
+        row.wall_s = round(time.monotonic() - started, 2)
+        self._next_trial = max(self._tap.begun, default=0)
+        return row
+
+    def _complete(self) -> bool:
+        """Whether all processes are there."""
+        return {*node_names(self._graph.config), "sim_bridge", "tel"} <= set(self._graph.nodes())
+
+    def _act_if_there(self, fault: Fault, trial: int) -> None:
+        """Do it, unless the process that it concerns is not there: then there is no trial of this fault."""
+        try:
+            self._act(fault, trial)
+        except (KeyError, psutil.NoSuchProcess):
+            self._trial = 0
+
+    def _act(self, fault: Fault, trial: int) -> None:
+        """Do it. Called in the thread of the observer, between two messages."""
+        self._trial, self._fault_ns, self._fault_wall_s = trial, self._tap.arm_ns, time.monotonic()
+        graph, values = self._graph, fault.parameters
+        verb, _, name = fault.kind.partition("_")
+        if fault.kind == "pause_in_lockstep":
+            graph.pause("ep_controller", values["pause_s"])
+        elif verb == "pause":
+            graph.pause(name, values["pause_s"])
+        elif verb == "hang":
+            graph.send(name, signal.SIGSTOP)
+        elif verb == "kill":
+            graph.send(name, signal.SIGKILL)
+        elif fault.kind == "interrupt":
+            graph.send("tel", signal.SIGINT)
+        elif fault.kind == "disk_full":
+            threading.Thread(target=graph.fill_disk).start()
+        elif fault.kind == "recorder_file_limit":
+            graph.limit_files("trial_recorder")
+        elif fault.kind == "state_duplicate":
+            self._tap.intrude("states", lambda: resting_state(self._tap, self._joints), values["duration_s"])
+        elif fault.kind == "command_duplicate":
+            effort = (values["share_of_limit"] * self._limits.effort_nm).tolist()
+            self._tap.intrude("commands", lambda: Float64MultiArray(data=effort), values["duration_s"])
+        else:
+            self._tap.corrupt(KINDS[fault.kind].channel, corruption(fault.kind, values), values["duration_s"])
+
+    def _await_end(self, fault: Fault, kind: Kind, row: Row) -> None:
+        """Wait until a trial has begun after the fault was over, or the run has ended."""
+        over_wall_s = self._fault_wall_s + fault.parameters.get(
+            "pause_s", fault.parameters.get("duration_s", 0.0)
+        )
+
+        def next_trial() -> bool:
+            later = [h for k, h in self._tap.begun.items() if k > self._trial and h.wall_s > over_wall_s]
+            return bool(later) and not kind.ends_run
+
+        if kind.interrupt_after_s is not None:
+            self._graph.wait(self._graph.ended, kind.interrupt_after_s)
+            self._graph.send("tel", signal.SIGINT)
+        if not self._graph.wait(lambda: self._graph.ended() or next_trial(), END_TIMEOUT_S):
+            row.violations.append(
+                f"neither the run's end nor another trial came within {END_TIMEOUT_S:.0f} s"
+            )
+            self._give_up()
+        if self._graph.ended():
+            row.violations += [f"{name} outlives the run" for name in self._graph.left_behind()]
+            row.exit_code, row.message = self._graph.tel.returncode, self._graph.last_words()
+            time.sleep(AFTERWARDS_S)  # for what the arm does afterwards
+
+    def _give_up(self) -> None:
+        """End a run that does not end by itself."""
+        if not self._graph.ended():
+            self._graph.send("tel", signal.SIGINT)
+            self._graph.wait(self._graph.ended, END_TIMEOUT_S)
+
+    def _judge(self, fault: Fault, kind: Kind, row: Row) -> None:
+        expects = kind.expects(fault.parameters)
+        trial = self._bag(row)
+        row.trial = self._trial
+        completed = trial is not None and trial.outcome == Outcome.COMPLETED
+        row.outcome = trial.outcome.name.lower() if trial else "no bag"
+        said = " ".join(filter(None, [trial.message if trial else "", row.message]))
+        if kind.name == "kill_tel":
+            said = self._graph.log("ep_controller")
+        row.message = row.message or (trial.message if trial else "")
+        self._check_message(kind, row, said, completed)
+        trace = self._tap.trace(self._fault_wall_s - 1.0)
+        row.stall_s = round(self._stall_s(fault), 3)
+        fault_ns = self._noticed_ns(fault, trace)
+        episode = Episode(
+            expects=expects,
+            trial=self._trial,
+            fault_ns=fault_ns,
+            end_ns=int(trace.time_ns[-1]) if len(trace.time_ns) else fault_ns,
+            completed=completed,
+            work_tolerance_j=self._graph.setup.work_tolerance_j,
+            excursion_rad=self._graph.setup.excursion_rad,
+            falls=self._graph.setup.falls,
+        )
+        verdict = judge(trace, self._limits, episode)
+        row.violations += verdict.violations
+        row.reaction_s = None if math.isnan(verdict.reaction_s) else round(verdict.reaction_s, 4)
+        row.stopped = verdict.stopped
+        row.effort_share, row.speed_share = round(verdict.effort_share, 4), round(verdict.speed_share, 4)
+        row.excursion_rad = None if math.isnan(verdict.excursion_rad) else round(verdict.excursion_rad, 3)
+        if self._graph.ended():
+            self._check_end(kind, row, trace)
+
+    def _noticed_ns(self, fault: Fault, trace: Trace) -> int:
+        """Return the arm time from which the fault could be noticed."""
+        if fault.kind.endswith("_duplicate"):
+            return self._tap.foreign_since_ns or self._fault_ns
+        if not self._graph.setup.in_between and fault.kind == "kill_ep_controller":
+            # The observer lags behind an arm in lockstep, whose time stands still once nobody commands it.
+            heard = [c.arm_ns for c in trace.controls]
+            return max([self._fault_ns, *heard[-1:]])
+        return self._fault_ns
+
+    def _stall_s(self, fault: Fault) -> float:
+        """Return the longest silence of the arm around a fault that does not touch the arm's process."""
+        if fault.kind in ("pause_sim_bridge", "kill_sim_bridge") or not self._graph.setup.in_between:
+            return 0.0
+        heard = [h.wall_s for h in self._tap.states if h.wall_s >= self._fault_wall_s - 1.0]
+        return float(np.diff(heard).max()) if len(heard) > 1 else 0.0
+
+    def _check_message(self, kind: Kind, row: Row, said: str, completed: bool) -> None:
+        if kind.ends_run:
+            if row.exit_code is not None and row.exit_code not in kind.codes:
+                row.violations.append(f"exit code {row.exit_code}; expected {kind.codes}")
+            if not re.search(kind.says, said):
+                row.violations.append("the message does not say what happened")
+        elif not completed and not re.search(kind.says, said):
+            row.violations.append("the message does not say what happened")
+        elif row.exit_code is not None and not re.search(f"{kind.says}|{ANY_REASON}", said):
+            row.violations.append("the run ended and did not say why")
+
+    def _check_end(self, kind: Kind, row: Row, trace: Trace) -> None:
+        """After the run nothing acts, and the last that was commanded is zero."""
+        if kind.name == "kill_sim_bridge":
+            last = self._tap.commands[-1].raw if self._tap.commands else None
+            if last is not None and not _is_zero(last):
+                row.violations.append("the last command that anybody sent was not zero")
+        elif not self._graph.setup.in_between:
+            return  # time stands still in lockstep once nobody commands: the last effort does not act
+        elif len(trace.effort_nm) and np.abs(trace.effort_nm[-1]).max() > ZERO_NM:
+            row.violations.append("the motors still acted after the run")
+
+    def _bag(self, row: Row) -> RecordedTrial | None:
+        """Read every bag that has appeared; return that of the fault's trial."""
+        found = None
+        folder = self._graph.run
+        try:
+            expected = {t["index"] for t in read_summary(folder)["trials"]}
+        except TelError:
+            expected = set()
+        for index in sorted(set(self._tap.begun) | expected | {self._trial}):
+            bag = trial_bag(folder, index)
+            if (index in self._verified and index != self._trial) or not bag.exists():
+                continue
+            try:
+                trial = read_trial(bag)
+            except BagError as error:
+                row.violations.append(str(error))
+                continue
+            self._verified.add(index)
+            row.bags += 1
+            found = trial if index == self._trial else found
+        row.violations += [
+            f"the summary has trial {index}, whose bag is not there"
+            for index in sorted(expected - self._verified)
+        ]
+        return found
+
+
+def _is_zero(raw: bytes) -> bool:
+    return not np.any(np.array(deserialize_message(raw, Float64MultiArray).data))
+
+
+def run_batch(
+    faults: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
+) -> list[Row]:
+    """Run a batch in this process."""
+    return Batch(faults, folder, domains, keep, results).run()

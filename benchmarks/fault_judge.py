@@ -1,0 +1,247 @@
+"""Whether an arm was safe after a fault, from what its motors and joints did. Arrays in, verdict out.
+
+What the judge looks at is the arm's own account (the effort that acted, position, velocity), not what the
+controller says it did. From the controller it takes only when a trial begins and when it says STOP.
+
+*Braked, held or without effort*: from some moment on, the motors put no more than a small work into the arm:
+
+    W(s, t) = sum over control periods in (s, t] of effort . (change of position) <= tolerance  for all s < t
+
+No effort does no work; springs that brake do negative work; springs that hold an arm at rest do none. An arm
+that is being driven fails within a few periods. The *reaction* is the time from the fault to the first moment
+from which this holds. Under gravity a weak brake would pass: it lets the arm sink, which is negative work.
+Hence, for an arm that motors act on, the excursion is bounded as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from fault_kinds import Expectation
+
+from tel_ros.core.control.records import Phase
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
+
+REACTION_LIMIT_S = 0.1
+DELAY_S = 0.01
+"""What the arm contract allows between sending a command and a state that shows it."""
+AT_REST_RAD_S = 0.3
+"""A braked arm that is asked to move again is slower than this."""
+RANGE_MARGIN_RAD = 1e-3
+"""An encoder of 13 bits tells no more."""
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of an arm. Arrays of shape (n_joints,)."""
+
+    effort_nm: FloatArray
+    position_min_rad: FloatArray
+    position_max_rad: FloatArray
+    velocity_rad_s: FloatArray
+
+
+@dataclass(frozen=True)
+class Control:
+    """What the controller said in one tick.
+
+    Args:
+        arm_ns: stamp of the arm's newest state when it was heard.
+        trial: index of the trial; 0 between trials.
+        phase: number of a :class:`Phase`.
+    """
+
+    arm_ns: int
+    trial: int
+    phase: int
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What an arm did.
+
+    Args:
+        time_ns: stamps, growing. Shape (n,).
+        position_rad: shape (n, n_joints).
+        velocity_rad_s: shape (n, n_joints).
+        effort_nm: what acted until the stamp. Shape (n, n_joints).
+        controls: what the controller said, in the order of its coming.
+    """
+
+    time_ns: IntArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+    controls: Sequence[Control] = ()
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What is to be judged.
+
+    Args:
+        expects: what is right.
+        trial: in which the fault came.
+        fault_ns: arm time from which the fault can be noticed.
+        end_ns: arm time of the last sample that belongs to it.
+        completed: whether the trial was completed.
+        work_tolerance_j: see the module.
+        excursion_rad: see the module.
+        falls: whether gravity moves the arm when its motors are off.
+    """
+
+    expects: Expectation
+    trial: int
+    fault_ns: int
+    end_ns: int
+    completed: bool
+    work_tolerance_j: float
+    excursion_rad: float
+    falls: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the judge found.
+
+    Args:
+        violations: in words; none: all is well.
+        reaction_s: from the fault, or from STOP where the trial may go on, to the arm's being safe; NaN if
+            it did not have to stop.
+        stopped: how: ``zero``, ``held``, or ``-`` if it did not have to.
+        effort_share: largest share of the effort limit after the fault.
+        speed_share: largest share of the velocity limit, while motors acted.
+        excursion_rad: of a braked arm; NaN if there was none.
+    """
+
+    violations: tuple[str, ...]
+    reaction_s: float
+    stopped: str
+    effort_share: float
+    speed_share: float
+    excursion_rad: float
+
+
+def largest_work_from(effort_nm: FloatArray, position_rad: FloatArray) -> FloatArray:
+    """Return, for each sample s, the most work that the motors do from any sample u >= s to any t >= u.
+
+    Args:
+        effort_nm: what acted until each sample. Shape (n, n_joints).
+        position_rad: shape (n, n_joints).
+
+    Returns:
+        J. Shape (n,), never growing.
+    """
+    work = np.zeros(len(position_rad))
+    work[1:] = np.cumsum(np.einsum("ij,ij->i", effort_nm[1:], np.diff(position_rad, axis=0)))
+    highest_later = np.maximum.accumulate(work[::-1])[::-1]
+    rise = highest_later - work
+    largest: FloatArray = np.maximum.accumulate(rise[::-1])[::-1]
+    return largest
+
+
+def judge(trace: Trace, limits: JointLimits, episode: Episode) -> Verdict:
+    """Judge what an arm did after a fault."""
+    window = (trace.time_ns >= episode.fault_ns) & (trace.time_ns <= episode.end_ns)
+    violations = _limit_violations(trace, limits, window, episode.falls)
+    if episode.expects == "ride" and not episode.completed:
+        violations.append("the trial was not completed, although the fault should not have mattered")
+    since_ns = _has_to_be_safe_since(trace, episode)
+    acting = window & np.any(trace.effort_nm != 0.0, axis=1)
+    verdict = {
+        "effort_share": _largest_share(trace.effort_nm[window], limits.effort_nm),
+        "speed_share": _largest_share(trace.velocity_rad_s[acting], limits.velocity_rad_s),
+    }
+    if since_ns is None:
+        return Verdict(tuple(violations), float("nan"), "-", excursion_rad=float("nan"), **verdict)
+    until_ns = _begins_again(trace, episode, since_ns)
+    segment = window & (trace.time_ns >= since_ns) & (trace.time_ns <= until_ns)
+    again = until_ns < episode.end_ns or _begins_again_at_all(trace, episode, since_ns)
+    reaction_s, stopped, excursion_rad, found = _stop(trace, segment, since_ns, episode, again)
+    return Verdict(tuple(violations + found), reaction_s, stopped, excursion_rad=excursion_rad, **verdict)
+
+
+def _has_to_be_safe_since(trace: Trace, episode: Episode) -> int | None:
+    """Return from when on the arm has to be safe, or None if it may go on."""
+    if episode.expects == "stop":
+        return episode.fault_ns
+    if episode.expects == "ride":
+        return None
+    said = [
+        control.arm_ns
+        for control in trace.controls
+        if control.arm_ns >= episode.fault_ns
+        and control.trial in (0, episode.trial)
+        and control.phase == Phase.STOP
+    ]
+    if said:
+        return max(said[0], episode.fault_ns)
+    if episode.completed:
+        return None
+    # Nobody has said anything, and nobody has brought the trial to its end: since then nothing may act.
+    ticks = [control.arm_ns for control in trace.controls if control.trial == episode.trial]
+    return max([episode.fault_ns, *ticks[-1:]])
+
+
+def _begins_again(trace: Trace, episode: Episode, since_ns: int) -> int:
+    """Return when the next trial begins to move the arm, or the end of the episode."""
+    begins = [c.arm_ns for c in trace.controls if c.trial > episode.trial and c.arm_ns >= since_ns]
+    return min([*begins, episode.end_ns])
+
+
+def _begins_again_at_all(trace: Trace, episode: Episode, since_ns: int) -> bool:
+    return any(c.trial > episode.trial and c.arm_ns >= since_ns for c in trace.controls)
+
+
+def _stop(
+    trace: Trace, segment: BoolArray, since_ns: int, episode: Episode, again: bool
+) -> tuple[float, str, float, list[str]]:
+    """Return reaction, way of stopping, excursion and violations of an arm that has to be safe."""
+    time_s = (trace.time_ns[segment] - since_ns) / NS_PER_S
+    position, effort = trace.position_rad[segment], trace.effort_nm[segment]
+    if not len(time_s):
+        return 0.0, "zero", float("nan"), []  # its time has not gone on: nothing has acted
+    safe = largest_work_from(effort, position) <= episode.work_tolerance_j
+    reaction_s = max(0.0, float(time_s[int(np.argmax(safe))])) if safe.any() else float("inf")
+    found = []
+    if reaction_s > REACTION_LIMIT_S + DELAY_S:
+        found.append(
+            f"the motors drove the arm until {reaction_s:.3f} s after the fault (limit {REACTION_LIMIT_S} s)"
+        )
+    late = time_s > REACTION_LIMIT_S + DELAY_S
+    acting = late & np.any(effort != 0.0, axis=1)
+    if not acting.any():
+        return reaction_s, "zero", float("nan"), found
+    first, last = np.flatnonzero(acting)[[0, -1]]
+    excursion_rad = float(np.abs(position[first : last + 1] - position[first]).max())
+    if excursion_rad > episode.excursion_rad:
+        found.append(f"braked, it went on for {excursion_rad:.2f} rad (limit {episode.excursion_rad} rad)")
+    speed = float(np.abs(trace.velocity_rad_s[segment][-1]).max())
+    if again and speed > AT_REST_RAD_S:
+        found.append(f"the next trial began at {speed:.2f} rad/s (limit {AT_REST_RAD_S} rad/s)")
+    return reaction_s, "held", excursion_rad, found
+
+
+def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, falls: bool) -> list[str]:
+    """Return the limits that were passed; gravity alone may move an arm without effort."""
+    found = []
+    effort, position, velocity = (
+        values[window] for values in (trace.effort_nm, trace.position_rad, trace.velocity_rad_s)
+    )
+    # Written so that what is not a number is a violation.
+    if not np.all(np.abs(effort) <= limits.effort_nm * (1.0 + 1e-9)):
+        found.append(f"effort of {_largest_share(effort, limits.effort_nm):.3f} of the limit")
+    counts = np.any(effort != 0.0, axis=1) if falls else np.ones(len(effort), dtype=bool)
+    position, velocity = position[counts], velocity[counts]
+    if not np.all(np.abs(velocity) <= limits.velocity_rad_s):
+        found.append(f"speed of {_largest_share(velocity, limits.velocity_rad_s):.3f} of the limit")
+    beyond = np.maximum(limits.position_min_rad - position, position - limits.position_max_rad)
+    if not np.all(beyond <= RANGE_MARGIN_RAD):
+        found.append(f"{float(beyond.max()):.3f} rad out of the range")
+    return found
+
+
+def _largest_share(values: FloatArray, limit: FloatArray) -> float:
+    return float((np.abs(values) / limit).max()) if len(values) else 0.0

@@ -1,0 +1,97 @@
+"""The graphs into which faults are injected: an arm, a clock, and short trials of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tel_ros.core.config import Config
+from tel_ros.core.trajectories.paths import NAMED_PATHS
+from tel_ros.recording.config_file import load_config
+
+ROOT = Path(__file__).parents[1]
+
+RATE_HZ = 250.0
+"""Of the control loop. Two graphs share two cores, each with an observer in Python as well."""
+SWING_RAD = 0.5
+"""Each joint goes this far to one side, once, and comes back to where it started."""
+RUN_S = 1.4
+SHORT_TRIALS = (
+    *("practice.strategy=trajectory_extension", "practice.on_abort=continue"),
+    *(f"practice.first_duration_s={RUN_S}", f"practice.goal_duration_s={RUN_S}"),
+    *("control.approach_speed_rad_s=1.5", "control.settle_time_s=0.2", f"control.rate_hz={RATE_HZ}"),
+    # Every trial is of one speed and the faults are the point: the plainest learner does.
+    *("learning.weights=lms", "learning.max_subtrees=0", "learning.passes=1", "learning.filter=fixed"),
+    "sim.lockstep_timeout_s=1.0",
+)
+"""Short trials; an aborted one is followed by the next."""
+TRIAL_S = 0.5 + 0.2 + RUN_S + 0.2
+"""Approach, settle, run and hold, in arm time, of a trial that nothing disturbs."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One kind of graph.
+
+    Args:
+        name: as results and the page call it.
+        config_file: run configuration to start from.
+        in_between: whether the campaign stands between arm and graph (``run.arm: external``, real time);
+            otherwise the run brings its own arm up, in lockstep.
+        work_tolerance_j: what the motors may put into a braked arm without being said to drive it. It covers
+            one control period at full effort in mid-motion, and the springs' work while a swing dies out.
+        excursion_rad: how far a joint of a braked arm may get from where it was 0.1 s after the fault.
+        falls: whether gravity moves the arm when its motors are off.
+    """
+
+    name: str
+    config_file: Path
+    in_between: bool
+    work_tolerance_j: float
+    excursion_rad: float
+    falls: bool
+
+    def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
+        """Return the configuration of a run, and the settings that make it of the file.
+
+        Args:
+            folder: gets the waypoints.
+            trials: planned ones.
+        """
+        plain = load_config(self.config_file)
+        start_rad = NAMED_PATHS[plain.path.name].evaluate(np.zeros(1))[0][0]
+        waypoints = folder / "swing.csv"
+        waypoints.write_text(swing_csv(plain.arm.joints, start_rad), encoding="utf-8")
+        settings = [
+            *SHORT_TRIALS,
+            f"practice.trials={trials}",
+            "path.name=",
+            f"path.file={waypoints}",
+            f"sim.initial_position_rad={start_rad.tolist()}",
+            f"run.arm={'external' if self.in_between else 'sim'}",
+            f"sim.clock={'realtime' if self.in_between else 'lockstep'}",
+        ]
+        return load_config(self.config_file, settings), settings
+
+
+def swing_csv(joints: tuple[str, ...], start_rad: np.ndarray) -> str:
+    """Return waypoints of a closed swing; neighbouring joints go to opposite sides."""
+    s = np.linspace(0.0, 1.0, 17)
+    side = np.where(np.arange(len(joints)) % 2, -1.0, 1.0)
+    rows = start_rad + SWING_RAD * 0.5 * (1.0 - np.cos(2.0 * np.pi * s))[:, None] * side
+    rows[-1] = rows[0]  # to the last digit: then the path is closed
+    return "\n".join([",".join(joints), *(",".join(f"{q:.6f}" for q in row) for row in rows)]) + "\n"
+
+
+SETUPS = {
+    setup.name: setup
+    for setup in (
+        Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, 0.3, False),
+        Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, 0.3, False),
+        Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, 0.3, True),
+        Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, 0.3, False),
+        Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, 0.3, True),
+    )
+}

@@ -1,0 +1,255 @@
+"""Between the arm and the graph, or beside them: hears what the arm really does, and disturbs what passes."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+import time
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from fault_judge import Control, Trace
+from fault_messages import Corruption, Message
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from tel_interfaces.msg import ControlState
+
+from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import to_time
+from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
+from tel_ros.nodes.trial_recorder import header_stamp_ns, trial_index
+from tel_ros.recording import topics
+
+ARM_STATES = "/arm/joint_states"
+ARM_COMMANDS = "/arm/commands"
+REMAPPED = ("-r", f"{topics.JOINT_STATES}:={ARM_STATES}", "-r", f"{topics.EFFORT_COMMANDS}:={ARM_COMMANDS}")
+"""Arguments that put the simulated arm's topics behind the tap."""
+
+
+@dataclass
+class Channel:
+    """One direction of what passes."""
+
+    kind: type
+    out: Publisher | None
+    corruption: Corruption | None = None
+    until_ns: int = 0
+    late: list[tuple[int, int, Message]] = field(default_factory=list)
+    """Heap of messages on their way: arm time at which they are due, number, message."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One message as it came: when (wall clock; stamp of the arm's newest state), and its bytes."""
+
+    wall_s: float
+    arm_ns: int
+    raw: bytes
+
+
+class Tap(Node):
+    """Hears states, commands and control states; where it stands in between, it passes them on.
+
+    Args:
+        context: of its domain.
+        in_between: whether it passes on; otherwise it only listens.
+    """
+
+    def __init__(self, context: Context, in_between: bool) -> None:
+        super().__init__("observer", context=context)
+        self._in_between = in_between
+        self.states: list[Heard] = []
+        self.commands: list[Heard] = []
+        self.controls: list[Heard] = []
+        self.begun: dict[int, Heard] = {}
+        """First control state of each trial."""
+        self.arm_ns = 0
+        self._numbers = itertools.count()
+        self._due: tuple[int, float, Callable[[int], None]] | None = None
+        self._foreign: tuple[Publisher, Callable[[], Message], int] | None = None
+        self.foreign_since_ns: int | None = None
+        group = BusyGroup()
+        to_graph = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM) if in_between else None
+        to_arm = self.create_publisher(Float64MultiArray, ARM_COMMANDS, qos.STREAM) if in_between else None
+        self.channels = {
+            "states": Channel(JointState, to_graph),
+            "commands": Channel(Float64MultiArray, to_arm),
+        }
+        listened = (
+            (JointState, ARM_STATES if in_between else topics.JOINT_STATES, self._on_state),
+            (Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
+            (ControlState, topics.CONTROL_STATES, self._on_control),
+        )
+        self.busy_subscriptions = [
+            self.create_subscription(kind, topic, on_message, qos.EVERYTHING, raw=True, callback_group=group)
+            for kind, topic, on_message in listened
+        ]
+
+    def when(self, trial: int, offset_s: float, act: Callable[[int], None]) -> threading.Event:
+        """Act once, a time after the first tick of a trial.
+
+        Args:
+            trial: index of the first trial that will do.
+            offset_s: arm time after its first tick.
+            act: called in the thread that spins this node, with the index of the trial.
+
+        Returns:
+            Set when it has been done.
+        """
+        done = threading.Event()
+
+        def act_and_say(index: int) -> None:
+            act(index)
+            done.set()
+
+        self._due = (trial, offset_s, act_and_say)
+        return done
+
+    def corrupt(self, channel: str, corruption: Corruption, duration_s: float) -> None:
+        """Disturb what passes on a channel for a time of the arm."""
+        self.channels[channel].corruption = corruption
+        self.channels[channel].until_ns = self.arm_ns + round(duration_s * NS_PER_S)
+
+    def intrude(self, channel: str, make: Callable[[], Message], duration_s: float) -> None:
+        """Open a second publisher, of states to the graph or of commands to the arm, and use it a while."""
+        topic = topics.JOINT_STATES if channel == "states" else topics.EFFORT_COMMANDS
+        publisher = self.create_publisher(self.channels[channel].kind, topic, qos.STREAM)
+        self._foreign = (publisher, make, self.arm_ns + round(duration_s * NS_PER_S))
+        self.foreign_since_ns = None
+
+    def trace(self, since_wall_s: float) -> Trace:
+        """Return what the arm did and the controller said since a moment of the wall clock."""
+        states = {}
+        for heard in [h for h in self.states if h.wall_s >= since_wall_s]:
+            states.setdefault(heard.arm_ns, heard.raw)  # an arm in lockstep repeats its state
+        messages = [deserialize_message(raw, JointState) for raw in states.values()]
+        controls = []
+        for heard in [h for h in self.controls if h.wall_s >= since_wall_s]:
+            said = deserialize_message(heard.raw, ControlState)
+            controls.append(Control(heard.arm_ns, int(said.trial), int(said.phase)))
+        return Trace(
+            time_ns=np.array(list(states), dtype=np.int64),
+            position_rad=np.array([message.position for message in messages]),
+            velocity_rad_s=np.array([message.velocity for message in messages]),
+            effort_nm=np.array([message.effort for message in messages]),
+            controls=controls,
+        )
+
+    def _on_state(self, raw: bytes) -> None:
+        self.arm_ns = header_stamp_ns(raw)
+        self.states.append(Heard(time.monotonic(), self.arm_ns, raw))
+        self._act_if_due()
+        self._pass("states", raw)
+        self._send_late("states")
+        self._send_late("commands")
+        self._send_foreign()
+
+    def _on_command(self, raw: bytes) -> None:
+        self.commands.append(Heard(time.monotonic(), self.arm_ns, raw))
+        self._pass("commands", raw)
+
+    def _on_control(self, raw: bytes) -> None:
+        heard = Heard(time.monotonic(), self.arm_ns, raw)
+        self.controls.append(heard)
+        index = trial_index(raw)
+        if index and index not in self.begun:
+            self.begun[index] = heard
+
+    def _act_if_due(self) -> None:
+        if self._due is None:
+            return
+        trial, offset_s, act = self._due
+        newest = max(self.begun, default=0)
+        if newest >= trial and self.arm_ns - self.begun[newest].arm_ns >= offset_s * NS_PER_S:
+            self._due = None
+            act(newest)
+
+    def _pass(self, name: str, raw: bytes) -> None:
+        channel = self.channels[name]
+        if channel.out is None:
+            return
+        if channel.corruption is None:
+            channel.out.publish(raw)
+            return
+        if self.arm_ns >= channel.until_ns:
+            # What is still on its way comes now, in its order, before what is not late.
+            channel.corruption = None
+            for _, _, message in sorted(channel.late):
+                channel.out.publish(message)
+            channel.late.clear()
+            channel.out.publish(raw)
+            return
+        for delay_s, message in channel.corruption(deserialize_message(raw, channel.kind)):
+            if delay_s:
+                due_ns = self.arm_ns + round(delay_s * NS_PER_S)
+                heapq.heappush(channel.late, (due_ns, next(self._numbers), message))
+            else:
+                channel.out.publish(message)
+
+    def _send_late(self, name: str) -> None:
+        channel = self.channels[name]
+        while channel.late and channel.late[0][0] <= self.arm_ns:
+            channel.out.publish(heapq.heappop(channel.late)[2])
+
+    def _send_foreign(self) -> None:
+        if self._foreign is None:
+            return
+        publisher, make, until_ns = self._foreign
+        if self.arm_ns >= until_ns:
+            self._foreign = None
+            self.destroy_publisher(publisher)
+        elif publisher.get_subscription_count():
+            self.foreign_since_ns = self.foreign_since_ns or self.arm_ns
+            publisher.publish(make())
+
+
+def resting_state(tap: Tap, joints: tuple[str, ...]) -> JointState:
+    """Return what a second driver might say: all joints at zero, now."""
+    zero = array("d", [0.0] * len(joints))
+    message = JointState(name=list(joints), position=zero, velocity=zero, effort=zero)
+    message.header.stamp = to_time(tap.arm_ns)
+    return message
+
+
+class SpunTap:
+    """A tap that is spun in a thread of its own; use it with ``with``.
+
+    Args:
+        domain: ROS domain.
+        in_between: see :class:`Tap`.
+    """
+
+    def __init__(self, domain: int, in_between: bool) -> None:
+        self._context = Context()
+        self._context.init(domain_id=domain)
+        self.tap = Tap(self._context, in_between)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.tap)
+        self._ended = threading.Event()
+        done = self._ended.is_set
+        self._thread = threading.Thread(
+            target=partial(spin_hot, self.tap, self._executor, self.tap.busy_subscriptions, done)
+        )
+
+    def __enter__(self) -> Tap:
+        """Begin to spin."""
+        self._thread.start()
+        return self.tap
+
+    def __exit__(self, *error: object) -> None:
+        """End."""
+        self._ended.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self.tap.destroy_node()
+        self._context.try_shutdown()

@@ -1,0 +1,120 @@
+"""The fault campaign: faults injected into the real graph, each of them judged.
+
+    .venv/bin/python benchmarks/faults.py --faults 500 --seed 1 --jobs 2
+
+Prints a line a fault and the table, and writes docs/faults.md. Results go to a file of JSON lines, one a
+fault; the same command goes on where it was interrupted. Exit code 1 if any fault led to a violation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from pathlib import Path
+
+from fault_campaign import Row, run_batch
+from fault_kinds import KINDS, Fault, batches, plan
+from fault_page import table, write_page
+from fault_setups import SETUPS
+
+ROOT = Path(__file__).parents[1]
+DOMAINS_PER_JOB = 20
+"""A graph gets another domain than the one before it: what that has left behind must not answer."""
+
+
+def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
+    """Return the rows of these very faults that are in the file already."""
+    if not results.exists():
+        return []
+    wanted = {fault.index: asdict(fault) for fault in faults}
+    rows = {}
+    for line in results.read_text(encoding="utf-8").splitlines():
+        values = json.loads(line)
+        fault = values.pop("fault")
+        if wanted.get(fault["index"]) == fault:
+            rows[fault["index"]] = Row(Fault(**fault), **values)
+    return list(rows.values())
+
+
+def campaign(
+    faults: Sequence[Fault], jobs: int, domain: int, work: Path, keep: bool, results: Path
+) -> Iterator[Row]:
+    """Inject the faults, and give their rows as they come."""
+    parts = batches(faults)
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = []
+        for k, part in enumerate(parts):
+            # Neighbours in the list run at the same time.
+            first = domain + (k % (2 * jobs)) * (DOMAINS_PER_JOB // 2)
+            domains = range(first, first + DOMAINS_PER_JOB // 2)
+            folder = work / f"batch_{part[0].index:04d}"
+            futures.append(pool.submit(run_batch, part, folder, domains, keep, results))
+        for future in as_completed(futures):
+            yield from future.result()
+
+
+def line(row: Row) -> str:
+    """Return one line about a fault."""
+    fault = row.fault
+    verdict = f"SKIPPED {row.skipped}" if row.skipped else "; ".join(row.violations) or "ok"
+    reaction = "" if row.reaction_s is None else f"{1e3 * row.reaction_s:.0f} ms"
+    return (
+        f"{fault.index:4d}  {fault.kind:24s} {fault.setup:9s} {fault.offset_s:5.2f} s  {row.outcome:10s} "
+        f"{reaction:>7s} {row.stopped:5s} {row.wall_s:5.1f} s  {verdict}  [{row.message}]"
+    )
+
+
+def main() -> None:
+    """Run the campaign, print its table, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--faults", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2, help="graphs side by side; each takes about one core")
+    parser.add_argument("--only", nargs="+", choices=sorted(KINDS), default=[], metavar="KIND")
+    parser.add_argument("--setup", nargs="+", choices=sorted(SETUPS), default=[])
+    parser.add_argument("--domain", type=int, default=20, help="first ROS domain; 20 for each job are used")
+    parser.add_argument("--work", type=Path, default=Path("/tmp/tel_faults"), help="for runs and results")
+    parser.add_argument("--stored", action="store_true", help="inject nothing; tell what is stored")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep the runs of faults without a violation, too"
+    )
+    parser.add_argument(
+        "--page", type=Path, help="where to write the page; none if --only or --setup is given"
+    )
+    options = parser.parse_args()
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    faults = plan(options.faults, options.seed, options.only, options.setup)
+    work = options.work / f"seed_{options.seed}"
+    work.mkdir(parents=True, exist_ok=True)
+    results = work / "results.jsonl"
+    rows = stored(results, faults)
+    done = {row.fault.index for row in rows}
+    started = time.monotonic()
+    runs = work / f"runs_{time.strftime('%Y%m%d-%H%M%S')}"
+    left = [fault for fault in faults if fault.index not in done and not options.stored]
+    for row in campaign(left, options.jobs, options.domain, runs, options.keep, results):
+        rows.append(row)
+        print(line(row), flush=True)
+    rows.sort(key=lambda row: row.fault.index)
+    print(table(rows))
+    print(f"{len(left)} faults in {(time.monotonic() - started) / 60.0:.1f} min; results: {results}")
+    if options.page or not (options.only or options.setup):
+        command = (
+            f"benchmarks/faults.py --faults {options.faults} --seed {options.seed} --jobs {options.jobs}"
+        )
+        for option in ("only", "setup"):
+            names = getattr(options, option)
+            command += f" --{option} {' '.join(names)}" if names else ""
+        write_page(rows, options.page or ROOT / "docs" / "faults.md", command, len(faults))
+    sys.exit(1 if any(row.violations for row in rows) else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""The judge of the fault campaign has to catch every violation that is made up for it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
+
+from fault_judge import (  # noqa: E402
+    Control,
+    Episode,
+    JointLimits,
+    Trace,
+    Verdict,
+    judge,
+    largest_work_from,
+)
+
+from tel_ros.core.control.records import Phase  # noqa: E402
+
+PERIOD_S = 0.004
+N = 500
+LIMITS = JointLimits(np.array([20.0]), np.array([-2.0]), np.array([2.0]), np.array([5.0]))
+STOP = Episode(
+    expects="stop",
+    trial=1,
+    fault_ns=round(0.2e9),
+    end_ns=round(N * PERIOD_S * 1e9),
+    completed=False,
+    work_tolerance_j=0.05,
+    excursion_rad=0.3,
+    falls=False,
+)
+
+
+def moved(effort_nm: np.ndarray, speed_rad_s: float = 1.0, drag: float = 0.0) -> Trace:
+    """Return what a joint of 1 kg·m² does under given efforts. Shape of the efforts: (n,)."""
+    position, velocity = np.zeros(len(effort_nm)), np.zeros(len(effort_nm))
+    velocity[0] = speed_rad_s
+    for k in range(1, len(effort_nm)):
+        velocity[k] = velocity[k - 1] + PERIOD_S * (effort_nm[k] - drag * velocity[k - 1])
+        position[k] = position[k - 1] + PERIOD_S * velocity[k]
+    time_ns = np.round(np.arange(len(effort_nm)) * PERIOD_S * 1e9).astype(np.int64)
+    return Trace(time_ns, position[:, None], velocity[:, None], effort_nm[:, None])
+
+
+def braked(delay_s: float, drive_nm: float = 1.0) -> Trace:
+    """Return a joint that is driven, from a delay after the fault on braked, and then held without effort."""
+    effort = np.full(N, drive_nm)
+    velocity = 0.0
+    brakes_at = round((0.2 + delay_s) / PERIOD_S)
+    for k in range(1, N):
+        if k > brakes_at:
+            effort[k] = -min(18.0, velocity / PERIOD_S)
+        velocity += PERIOD_S * effort[k]
+    return moved(effort, speed_rad_s=0.0)
+
+
+def judged(trace: Trace, **changes: object) -> Verdict:
+    return judge(trace, LIMITS, replace(STOP, **changes))
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.09])
+def test_an_arm_that_is_braked_in_time_is_safe(delay_s: float) -> None:
+    verdict = judged(braked(delay_s, drive_nm=4.0))
+    assert verdict.violations == ()
+    assert verdict.reaction_s == pytest.approx(delay_s, abs=0.03)  # the tolerance is a few periods' work
+
+
+@pytest.mark.parametrize("delay_s", [0.15, 0.3, 1.0])
+def test_an_arm_that_is_driven_on_is_not(delay_s: float) -> None:
+    verdict = judged(braked(delay_s, drive_nm=4.0))
+    assert any("drove the arm until" in text for text in verdict.violations)
+    assert verdict.reaction_s == pytest.approx(delay_s, abs=0.03)
+
+
+def test_an_arm_that_coasts_without_effort_is_safe() -> None:
+    verdict = judged(moved(np.zeros(N), speed_rad_s=0.5))
+    assert verdict.violations == ()
+    assert (verdict.stopped, verdict.reaction_s) == ("zero", 0.0)
+
+
+def test_a_kick_long_after_the_fault_is_found() -> None:
+    effort = np.zeros(N)
+    effort[400:420] = 15.0
+    assert "drove the arm until" in judged(moved(effort, speed_rad_s=0.5)).violations[0]
+
+
+def test_an_arm_that_swings_in_its_springs_without_end_is_not_held() -> None:
+    effort, velocity, position = np.zeros(N), 1.0, 0.0
+    for k in range(1, N):
+        effort[k] = -15.0 * position
+        velocity += PERIOD_S * effort[k]
+        position += PERIOD_S * velocity
+    assert "drove the arm until" in judged(moved(effort, speed_rad_s=1.0)).violations[0]
+
+
+def test_an_arm_that_sinks_against_a_weak_brake_is_not_held() -> None:
+    """Gravity does the work and the motors only brake, but the arm goes on and on."""
+    n = np.arange(N)
+    sinking = Trace(
+        np.round(n * PERIOD_S * 1e9).astype(np.int64),
+        (0.5 * n * PERIOD_S)[:, None],
+        np.full((N, 1), 0.25),
+        np.full((N, 1), -10.0),
+    )
+    verdict = judged(sinking, falls=True)
+    assert [text for text in verdict.violations if "it went on for" in text]
+
+
+def test_nothing_is_asked_before_the_fault_and_after_the_next_trial_has_begun() -> None:
+    effort = np.zeros(N)
+    effort[:40], effort[400:] = 4.0, 8.0
+    trace = moved(effort, speed_rad_s=0.0)
+    next_trial = Control(int(trace.time_ns[395]), 2, Phase.APPROACH)
+    assert judge(trace, LIMITS, STOP).violations  # nobody said that a trial begins
+    slow = replace(trace, controls=[next_trial], velocity_rad_s=np.zeros((N, 1)))
+    assert judge(slow, LIMITS, replace(STOP, fault_ns=round(0.17e9))).violations == ()
+
+
+def test_a_trial_that_begins_on_a_braked_arm_that_still_moves_is_found() -> None:
+    effort = np.full(N, -0.01)
+    trace = replace(moved(effort), controls=[Control(round(1.0e9), 2, Phase.APPROACH)])
+    assert any("the next trial began at" in text for text in judged(trace, excursion_rad=9.0).violations)
+
+
+@pytest.mark.parametrize("expects", ["either", "end"])
+def test_where_the_trial_may_go_on_the_arm_has_to_brake_only_from_stop_on(expects: str) -> None:
+    driven = braked(0.5, drive_nm=4.0)
+    assert judged(driven, expects=expects, completed=True).violations == ()
+    in_time = replace(driven, controls=[Control(round(0.69e9), 1, Phase.STOP)])
+    assert judged(in_time, expects=expects).violations == ()
+    late = replace(driven, controls=[Control(round(0.45e9), 1, Phase.STOP)])
+    assert "drove the arm until" in judged(late, expects=expects).violations[0]
+
+
+@pytest.mark.parametrize("expects", ["either", "end"])
+def test_where_a_controller_falls_silent_in_mid_trial_nothing_may_act_from_then_on(expects: str) -> None:
+    effort = np.zeros(N)
+    effort[:100] = 2.0
+    ticks = [Control(round(k * PERIOD_S * 1e9), 1, Phase.RUN) for k in range(100)]
+    quiet = replace(moved(effort, speed_rad_s=0.0), controls=ticks)
+    assert judged(quiet, expects=expects).violations == ()
+    effort[100:200] = 2.0
+    driven = replace(moved(effort, speed_rad_s=0.0), controls=ticks)
+    assert any("drove the arm until" in text for text in judged(driven, expects=expects).violations)
+
+
+def test_a_trial_that_should_have_gone_on_and_was_aborted_is_found() -> None:
+    assert judged(moved(np.zeros(N)), expects="ride", completed=True).violations == ()
+    assert "was not completed" in judged(moved(np.zeros(N), 0.1), expects="ride").violations[0]
+
+
+@pytest.mark.parametrize("expects", ["stop", "ride", "either", "end"])
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("effort_nm", 20.1, "effort of 1.005"),
+        ("effort_nm", -20.1, "effort of 1.005"),
+        ("effort_nm", np.nan, "effort of nan"),
+        ("velocity_rad_s", -5.5, "speed of 1.100"),
+        ("velocity_rad_s", np.nan, "speed of nan"),
+        ("position_rad", 2.01, "out of the range"),
+        ("position_rad", -2.01, "out of the range"),
+        ("position_rad", np.nan, "out of the range"),
+    ],
+)
+def test_one_sample_beyond_a_limit_is_found(expects: str, field: str, value: float, said: str) -> None:
+    trace = moved(np.zeros(N), 0.0)
+    getattr(trace, field)[300] = value
+    verdict = judged(trace, expects=expects, completed=True)
+    assert any(said in text for text in verdict.violations)
+    getattr(trace, field)[300] = 0.0
+    getattr(trace, field)[10] = value  # before the fault
+    assert judged(trace, expects=expects, completed=True).violations == ()
+
+
+def test_gravity_may_make_an_arm_without_effort_fast_but_motors_may_not() -> None:
+    trace = moved(np.zeros(N), 0.0)
+    trace.velocity_rad_s[300] = 6.0
+    assert judged(trace, falls=True).violations == ()
+    trace.effort_nm[300] = 1e-6
+    assert any("speed of 1.200" in text for text in judged(trace, falls=True).violations)
+
+
+def test_an_arm_whose_time_has_stopped_is_safe() -> None:
+    trace = moved(np.ones(40), 0.0)
+    assert judged(trace, fault_ns=round(0.5e9)).violations == ()
+
+
+def test_the_largest_work_counts_what_comes_back_after_braking() -> None:
+    effort = np.array([0.0, 2.0, -2.0, -2.0, 3.0, 3.0])
+    position = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    work_j = largest_work_from(effort[:, None], position[:, None])
+    assert work_j.tolist() == [6.0, 6.0, 6.0, 6.0, 3.0, 0.0]
