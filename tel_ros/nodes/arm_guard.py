@@ -21,7 +21,6 @@ from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
-NAME = "arm_guard"
 COMPLAINT_PERIOD_S = 1.0
 WATCHDOG_PERIOD_S = 0.02
 LOOK_PERIODS = 5.0
@@ -36,7 +35,7 @@ class ArmGuardNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
+        super().__init__(topics.ARM_GUARD)
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         if config.arm_waits_for_commands:
             raise ConfigError(
@@ -47,7 +46,7 @@ class ArmGuardNode(Node):
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm.joints, config.control)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
-        self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=NAME)
+        self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=topics.ARM_GUARD)
         self._channel.open(self._guard.safety)
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s
@@ -83,7 +82,7 @@ class ArmGuardNode(Node):
         super().destroy_node()
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        if message.layout.dim and message.layout.dim[0].label == NAME:
+        if message.layout.dim and message.layout.dim[0].label == topics.ARM_GUARD:
             return
         self._commands += 1
         if self._guard.active:

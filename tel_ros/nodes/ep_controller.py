@@ -35,6 +35,7 @@ from tel_ros.recording import topics
 
 WATCHDOG_PERIOD_S = 0.02
 READY_PERIOD_S = 0.1
+RIVALS_PERIOD_S = 0.05
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
@@ -90,6 +91,8 @@ class EpControllerNode(ManagedNode):
             )
         ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
+        self.create_timer(RIVALS_PERIOD_S, self._watch_rivals)
+        self._rivals: list[str] = []
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
         self._ready_pub.publish(self._ready)
@@ -283,6 +286,15 @@ class EpControllerNode(ManagedNode):
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
+    def _watch_rivals(self) -> None:
+        """Abort when somebody else commands the arm: it gets now the one's efforts and now the other's."""
+        self._rivals = self._channel.rivals() if self._channel is not None else []
+        if self._rivals and self._controller.active:
+            self._controller.abort(self._rivalry())
+
+    def _rivalry(self) -> str:
+        return f"{', '.join(self._rivals)} commands the arm on {self._channel.topic}, too"
+
     def _begin(self, goal: TrialGoal) -> None:
         if not self._acts:
             raise StateError(
@@ -291,6 +303,8 @@ class EpControllerNode(ManagedNode):
             )
         if not self._states_are_fresh():
             raise StateError(f"no joint states on {topics.JOINT_STATES}")
+        if self._rivals:
+            raise StateError(self._rivalry())
         if self._channel.listeners == 0:
             raise StateError(f"nobody listens to {self._channel.topic}")
         self._controller.start(goal)
@@ -299,7 +313,7 @@ class EpControllerNode(ManagedNode):
         self._controller.cancel()
 
     def _publish_ready(self) -> None:
-        ready = self._acts and self._states_are_fresh() and self._channel.listeners > 0
+        ready = self._acts and self._states_are_fresh() and not self._rivals and self._channel.listeners > 0
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)

@@ -210,6 +210,7 @@ class PracticeManagerNode(Node):
             self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
         goal, revision = self._goal(plan)
         metadata = self._metadata(plan, revision)
+        self._wait_for_arm()  # who may have stood still since the last trial
         progress.stage("recording")
         self._call(
             self._start_recording,

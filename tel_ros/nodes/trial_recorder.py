@@ -128,8 +128,22 @@ class TrialRecorderNode(Node):
             if index == 0:
                 return  # said between trials
             self._ticks[index] += 1
-        self._writer.write(topic, stamp_ns, raw)
+        try:
+            self._writer.write(topic, stamp_ns, raw)
+        except OSError as error:
+            self._give_up(error)
+            return
         stamps.append(stamp_ns)
+
+    def _give_up(self, error: OSError) -> None:
+        """Leave a bag that cannot be written among the unfinished ones; the trial's end says so."""
+        bag, self._writer = self._writer, None
+        self._trouble = f"{bag.bag} cannot be written ({error}); expected room on the disk"
+        self.get_logger().error(self._trouble)
+        try:
+            bag.abandon()
+        except OSError:
+            return  # the disk that did not take the messages does not take their end
 
     def _newest_ns(self) -> int:
         states = self._stamps[topics.JOINT_STATES]
@@ -172,7 +186,7 @@ class TrialRecorderNode(Node):
         self, request: StopRecording.Request, response: StopRecording.Response
     ) -> StopRecording.Response:
         if self._writer is None:
-            response.message = "nothing is being recorded"
+            response.message = self._trouble or "nothing is being recorded"
             return response
         writer, result = self._writer, request.result
         response.bag = str(writer.bag)

@@ -6,6 +6,8 @@ EFFORT_COMMANDS = "/effort_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``JointGroupEffortController`` takes it."""
 EP_CONTROLLER = "ep_controller"
 """Name of the managed node that commands the arm."""
+ARM_GUARD = "arm_guard"
+"""Name of the node that commands it in its place."""
 POSITION_COMMANDS = "/position_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``ForwardCommandController`` of positions takes it."""
 COMMANDS = {"effort": EFFORT_COMMANDS, "position": POSITION_COMMANDS}

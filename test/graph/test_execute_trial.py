@@ -230,3 +230,16 @@ def test_missing_velocities_are_estimated_and_that_is_said_once(
         publish()
     complaint = "have no velocity for shoulder, elbow: it is estimated from the positions"
     assert running.log("ep_controller").count(complaint) == 1
+
+
+def test_a_trial_is_aborted_when_somebody_else_commands_the_arm(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER)
+    running.wait_for_controller()
+    handle = running.send(running.goal(20.0))
+    running.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
+    result = running.result(handle)
+    assert result.outcome == TrialResult.ABORTED
+    assert "test commands the arm on /effort_controller/commands, too" in result.message
+    refused = running.result(running.send(running.goal()))
+    assert refused.outcome == TrialResult.REFUSED
+    assert "commands the arm" in refused.message

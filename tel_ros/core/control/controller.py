@@ -145,6 +145,11 @@ class EpController:
         """Stop the trial that is under way, if any: the arm is brought to rest and held."""
         self._stop(Outcome.CANCELLED, "cancelled")
 
+    def abort(self, reason: str) -> None:
+        """Abort the trial that is under way, if any: the arm is brought to rest and held."""
+        if self.active:
+            self._stop(Outcome.ABORTED, reason)
+
     def stop_for(self, reason: str) -> None:
         """Stop now and for good: an emergency stop, latched until :meth:`reset_stop`.
 

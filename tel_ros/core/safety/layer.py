@@ -12,6 +12,7 @@ from tel_ros.core.errors import EffortError
 from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
+from tel_ros.core.safety.late_states import share_of_effort
 from tel_ros.core.safety.motion_limits import MotionLimits
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
@@ -32,7 +33,8 @@ class SafetyLayer:
 
     The rules, each of which wins over those before it: how fast efforts grow
     (:class:`~tel_ros.core.safety.effort_rate.EffortRate`), soft joint limits and velocity limits
-    (:class:`~tel_ros.core.safety.motion_limits.MotionLimits`), effort limits. An effort that no rule
+    (:class:`~tel_ros.core.safety.motion_limits.MotionLimits`), effort limits, less effort when states come
+    late (:func:`~tel_ros.core.safety.late_states.share_of_effort`). An effort that no rule
     objects to passes unchanged, to the last bit.
 
     Args:
@@ -89,6 +91,9 @@ class SafetyLayer:
         effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
         effort_nm = self.motion.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.limit.nearest(effort_nm)
+        if self._last_ns is not None:
+            since_last_s = (state.time_ns - self._last_ns) / NS_PER_S
+            effort_nm = share_of_effort(since_last_s, self._period_s) * effort_nm
         self._last_ns, self.last_nm = state.time_ns, effort_nm
         return Permitted(effort_nm, effort_nm != wanted_nm)
 

@@ -75,7 +75,7 @@ def test_after_a_time_jump_efforts_grow_from_zero(step_ns: int) -> None:
 def test_a_late_state_lets_efforts_grow_by_two_periods_at_most() -> None:
     safe = layer(SafetyConfig())
     safe.permit(state(0), np.zeros(2))
-    np.testing.assert_allclose(safe.permit(state(20), np.full(2, 20.0)).effort_nm, [8.0, 8.0])
+    np.testing.assert_allclose(safe.permit(state(4), np.full(2, 20.0)).effort_nm, [8.0, 8.0])
 
 
 def test_letting_go_fades_as_slowly_as_efforts_may_grow_and_ends_at_zero() -> None:

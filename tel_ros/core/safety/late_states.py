@@ -1,0 +1,25 @@
+"""Smaller efforts for states that come late."""
+
+from __future__ import annotations
+
+PUNCTUAL_S = 0.010
+"""A state that comes within this time of the one before is not late..."""
+PUNCTUAL_PERIODS = 2.0
+"""... nor within this many control periods."""
+
+
+def share_of_effort(since_last_s: float, period_s: float) -> float:
+    """Return which share of an effort may act, given how long the last one had to.
+
+    An effort acts until the next command, and the last gap is the best guess of how long that will be. A
+    damper's effort that acts for long after the speed that it was made of feeds energy in: with one state
+    every 20 to 60 ms, each well within any time-out, the springs of the ready arms drive them beyond all
+    limits. With the effort reduced in proportion, what it does until the next command is at most what it does
+    in a gap that is not late.
+
+    Args:
+        since_last_s: time between the last two states that were answered.
+        period_s: of control.
+    """
+    punctual_s = max(PUNCTUAL_S, PUNCTUAL_PERIODS * period_s)
+    return 1.0 if since_last_s <= punctual_s else punctual_s / since_last_s
