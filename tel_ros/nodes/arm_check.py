@@ -18,7 +18,6 @@ from sensor_msgs.msg import JointState
 
 from tel_ros.core.check.programs import Program
 from tel_ros.core.check.records import StateRecord
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.nodes.command_channel import CommandChannel
@@ -191,12 +190,7 @@ class ArmClient:
         if effort_nm is None or self._channel is None or self._layer is None:
             return
         answered_ns = stamp_ns if stamp_ns is not None else (self._rows[-1][1] if self._rows else 0)
-        if self._rows and effort_nm.any():
-            # Speeds are left out: whether they are right is what the check is to find out.
-            position_rad = self._rows[-1][3]
-            self._layer.permit(ArmState(answered_ns, position_rad, np.zeros_like(position_rad)), effort_nm)
-        else:
-            self._layer.none()
+        self._layer.permit_pulse(effort_nm)
         self._channel.send(answered_ns)
 
 

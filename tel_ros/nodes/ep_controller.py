@@ -14,6 +14,7 @@ from tel_interfaces.msg import ControlState
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.control.records import ArmState, Tick, TrialGoal
+from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.errors import StateError
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
@@ -58,6 +59,8 @@ class EpControllerNode(ManagedNode):
         self._interface = config.arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
         self._rest_speed_rad_s = config.control.settle_speed_rad_s
+        self._new_rest = partial(RestDetector, self._rest_speed_rad_s, config.control.settle_time_s)
+        self._rest, self._rests = self._new_rest(), False
         self._answers_between_trials = not config.arm_waits_for_commands
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
@@ -185,8 +188,12 @@ class EpControllerNode(ManagedNode):
         if self._reader.estimated != self._estimated:
             self._say_what_is_estimated()
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
+        if is_new:
+            if self._seen is not None and state.time_ns < self._seen.time_ns:
+                self._rest = self._new_rest()
+            self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
+            self._states.count += 1
         self._seen = state
-        self._states.count += is_new
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
         if not self._acts:
@@ -237,8 +244,11 @@ class EpControllerNode(ManagedNode):
         return self._controller.stopped_for is not None and not self._controller.at_final_effort
 
     def _moves(self) -> bool:
-        """Return whether the arm moves, as far as its states tell."""
-        if self._seen is None or not self._states_are_fresh():
+        """Return whether the arm moves, as far as its states tell.
+
+        A coarse encoder makes speeds of an arm that stands still; a time that stands still tells no rest.
+        """
+        if self._seen is None or self._rests or not self._states_are_fresh():
             return False
         return bool(np.abs(self._seen.velocity_rad_s).max() >= self._rest_speed_rad_s)
 

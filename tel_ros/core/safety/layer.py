@@ -101,6 +101,23 @@ class SafetyLayer:
         """Return the effort to want for the last one to fade to zero. Shape (n_joints,)."""
         return self.rate.towards_zero(self.last_nm, self._elapsed_s(time_ns))
 
+    def permit_pulse(self, wanted_nm: FloatArray) -> Permitted:
+        """Return the effort of a pulse, within the effort limits.
+
+        The rules about motion would soften it, and what an arm does then would be judged wrongly. Narrower
+        bounds hold it: :mod:`tel_ros.core.check.bounds`.
+
+        Args:
+            wanted_nm: shape (n_joints,).
+
+        Raises:
+            EffortError: it is not finite, as for :meth:`permit`.
+        """
+        self.none()
+        require_finite(wanted_nm, self._n_joints)
+        self.last_nm = self.limit.nearest(wanted_nm)
+        return Permitted(self.last_nm, self.last_nm != wanted_nm)
+
     def none(self) -> Permitted:
         """Return no effort, and remember that there is none; zero is always permitted."""
         self._last_ns, self.last_nm = None, np.zeros(self._n_joints)

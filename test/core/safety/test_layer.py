@@ -182,3 +182,14 @@ def test_numbers_that_do_not_fit_the_arm_are_refused(
 def test_numbers_that_make_no_sense_are_refused(key: str, value: object) -> None:
     with pytest.raises(ConfigError, match=key):
         SafetyConfig(**{key: value})
+
+
+def test_a_pulse_is_held_by_the_effort_limits_alone_and_has_to_be_finite() -> None:
+    arm = arm_config()
+    layer = SafetyLayer(arm, SafetyConfig(), 500.0)
+    limit = np.array(arm.effort_limit_nm)
+    np.testing.assert_array_equal(layer.permit_pulse(0.1 * limit).effort_nm, 0.1 * limit)
+    np.testing.assert_array_equal(layer.permit_pulse(-9.0 * limit).effort_nm, -limit)
+    with pytest.raises(EffortError):
+        layer.permit_pulse(np.array([np.nan, 0.0]))
+    np.testing.assert_array_equal(layer.last_nm, 0.0)
