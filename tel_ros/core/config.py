@@ -370,9 +370,12 @@ class SafetyConfig:
     soft_margin_rad: JointValues = ()
     """How far inside the position limits a joint is held back. Empty: 2.5 % of its range, at most 0.1 rad."""
     k_position_per_s: JointValues = ()
-    """Allowed speed towards a soft limit for each rad of distance. Empty: 2/3 K / ``k_velocity``."""
+    """Allowed speed towards a soft limit for each rad of distance. Empty: 4 K / ``k_velocity``."""
     k_velocity_nms_per_rad: JointValues = ()
     """Effort against each rad/s above the allowed speed. Empty: 2 B, and at least 0.05 s times K."""
+    deceleration_rad_s2: JointValues = ()
+    """With what a joint can be braked: one that comes to a soft limit too fast for it is. Empty: half the
+    effort limit on the inertia that K and B damp with a ratio of 0.3."""
     velocity_margin: float = 0.25
     """A joint this share above its velocity limit is braked, whatever the command."""
     final_effort: Literal["zero", "hold"] = "zero"
@@ -386,7 +389,12 @@ class SafetyConfig:
         _require_choices(self)
         _require_at_least_zero(self, "velocity_margin")
         _require_positive(self, "command_timeout_s")
-        for key in ("effort_rate_nm_per_s", "k_position_per_s", "k_velocity_nms_per_rad"):
+        for key in (
+            "effort_rate_nm_per_s",
+            "k_position_per_s",
+            "k_velocity_nms_per_rad",
+            "deceleration_rad_s2",
+        ):
             values = getattr(self, key)
             _require(all(0.0 < v < math.inf for v in values), key, list(values), "finite numbers above 0")
         margin = self.soft_margin_rad
@@ -408,6 +416,7 @@ class SafetyConfig:
             "soft_margin_rad",
             "k_position_per_s",
             "k_velocity_nms_per_rad",
+            "deceleration_rad_s2",
         ):
             values = getattr(self, key)
             _require(

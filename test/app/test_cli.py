@@ -121,7 +121,7 @@ def test_a_warning_about_learning_is_said_at_the_end(tmp_path: Path, monkeypatch
         "training_rms_before_rad",
         "training_rms_after_rad",
     )
-    trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed"}
+    trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed", "timing": None}
     warnings = ["", "learning lock-up: [early]", "learning lock-up: [late]", ""]
     trials = [{**trial, "index": k, "warning": text} for k, text in enumerate(warnings, start=1)]
     shown = io.StringIO()

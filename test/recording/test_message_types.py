@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tel_ros.recording.message_types import to_cdr, typestore
+from tel_ros.recording.trial_timing import timing_fields
 
 GOAL = "tel_interfaces/msg/TrialGoal"
 RESULT = "tel_interfaces/msg/TrialResult"
@@ -54,7 +55,13 @@ def test_a_result_comes_back_with_its_stamps() -> None:
         for k, name in enumerate(("start_stamp", "run_stamp", "end_stamp"), start=1)
     }
     numbers = {"index": 2, "outcome": 1, "alpha": 0.4, "duration_s": 6.0, "ticks": 7, "rms_error_rad": 0.1}
-    more = {"max_error_rad": 0.2, "saturated_ratio": 0.0, "message": "elbow is off", "joint_names": ["elbow"]}
+    more: dict[str, Any] = {
+        "max_error_rad": 0.2,
+        "saturated_ratio": 0.0,
+        "message": "elbow is off",
+        "joint_names": ["elbow"],
+    }
+    more |= timing_fields(None) | {"missed_ticks": 3, "timing_warning": "late"}
     arrays: dict[str, list[float]] = {"rms_error_per_joint_rad": [0.1], "max_effort_nm": []}
     written = SimpleNamespace(**stamps, **numbers, **more, **arrays)
     read = typestore().deserialize_cdr(to_cdr(RESULT, written), RESULT)

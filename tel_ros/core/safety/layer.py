@@ -9,6 +9,7 @@ import numpy as np
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import EffortError
+from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
@@ -32,7 +33,8 @@ class SafetyLayer:
     """Makes a wanted effort one that the arm may get: at once, from the measured state and the last effort.
 
     The rules, each of which wins over those before it: how fast efforts grow
-    (:class:`~tel_ros.core.safety.effort_rate.EffortRate`), soft joint limits and velocity limits
+    (:class:`~tel_ros.core.safety.effort_rate.EffortRate`), the speed at which joints may come to their limits
+    (:class:`~tel_ros.core.safety.braking_distance.BrakingDistance`), soft joint limits and velocity limits
     (:class:`~tel_ros.core.safety.motion_limits.MotionLimits`), effort limits, less effort when states come
     late (:func:`~tel_ros.core.safety.late_states.share_of_effort`). An effort that no rule
     objects to passes unchanged, to the last bit.
@@ -49,6 +51,7 @@ class SafetyLayer:
     def __init__(self, arm: ArmConfig, safety: SafetyConfig, rate_hz: float) -> None:
         safety.require_fits(arm)
         self.rate = EffortRate.of(arm, safety)
+        self.braking = BrakingDistance.of(arm, safety)
         self.motion = MotionLimits.of(arm, safety)
         self.limit = effort_limit(arm)
         self._period_s = 1.0 / rate_hz
@@ -89,6 +92,7 @@ class SafetyLayer:
         if self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S:
             self.none()
         effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
+        effort_nm = self.braking.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.motion.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.limit.nearest(effort_nm)
         if self._last_ns is not None:

@@ -14,13 +14,31 @@ LEAST_DAMPING_S = 0.05
 """Default k_velocity as a share of K, for joints with little damping of their own."""
 DAMPING_FACTOR = 2.0
 """Default k_velocity as a multiple of B."""
-WALL_STIFFNESS = 2.0 / 3.0
+WALL_STIFFNESS = 4.0
 """Default k_position · k_velocity, the stiffness of a soft limit, as a share of K."""
-BEYOND_FACTOR = 6.0
+BEYOND_FACTOR = 2.0
 """How many times k_position counts beyond a soft limit."""
 LARGEST_MARGIN_RAD = 0.1
 MARGIN_SHARE = 0.025
 """Default distance of soft from hard limit: this share of the range, at most the largest margin."""
+
+
+def soft_range(arm: ArmConfig, safety: SafetyConfig) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper soft limits in rad. Shapes (n_joints,)."""
+    low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
+    if safety.soft_margin_rad:
+        margin = np.array(safety.soft_margin_rad)
+    else:
+        margin = np.minimum(MARGIN_SHARE * (high - low), LARGEST_MARGIN_RAD)
+    return low + margin, high - margin
+
+
+def wall_damping(arm: ArmConfig, safety: SafetyConfig) -> FloatArray:
+    """Return k_velocity in N·m·s/rad. Shape (n_joints,)."""
+    if safety.k_velocity_nms_per_rad:
+        return np.array(safety.k_velocity_nms_per_rad)
+    stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
+    return np.maximum(DAMPING_FACTOR * damping, LEAST_DAMPING_S * stiffness)
 
 
 @dataclass(frozen=True)
@@ -35,9 +53,10 @@ class MotionLimits:
     v_limit is a margin above the speed at which a trial is aborted, because a joint that moves at nearly that
     speed still needs effort against gravity and friction.
 
-    By default k_position · k_velocity = 2/3 K and k_velocity = 2 B: no command can pull harder than somewhat
-    softer springs would that have their equilibrium point at the soft limit, and twice the damping. Gains
-    that follow those of the arm's own springs suit heavy and light joints alike.
+    By default k_position · k_velocity = 4 K and k_velocity = 2 B: no command can pull harder than springs
+    would that are four times as stiff, have twice the damping and their equilibrium point at the soft limit.
+    Gains that follow those of the arm's own springs suit heavy and light joints alike. Such a wall stops what is
+    slow; what is fast is braked before (:mod:`~tel_ros.core.safety.braking_distance`).
 
     Sources: wiki.ros.org/pr2_controller_manager/safety_limits; urdf::JointSafety;
     joint_limits/src/joint_soft_limiter.cpp of ros2_control.
@@ -59,23 +78,15 @@ class MotionLimits:
     @classmethod
     def of(cls, arm: ArmConfig, safety: SafetyConfig) -> MotionLimits:
         """Return the limits of a configured arm whose empty fields have been filled from its URDF."""
-        low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
-        stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
-        if safety.soft_margin_rad:
-            margin = np.array(safety.soft_margin_rad)
-        else:
-            margin = np.minimum(MARGIN_SHARE * (high - low), LARGEST_MARGIN_RAD)
-        if safety.k_velocity_nms_per_rad:
-            k_velocity = np.array(safety.k_velocity_nms_per_rad)
-        else:
-            k_velocity = np.maximum(DAMPING_FACTOR * damping, LEAST_DAMPING_S * stiffness)
+        low, high = soft_range(arm, safety)
+        k_velocity = wall_damping(arm, safety)
         if safety.k_position_per_s:
             k_position = np.array(safety.k_position_per_s)
         else:
-            k_position = WALL_STIFFNESS * stiffness / k_velocity
+            k_position = WALL_STIFFNESS * np.array(arm.stiffness_nm_per_rad) / k_velocity
         return cls(
-            soft_min_rad=low + margin,
-            soft_max_rad=high - margin,
+            soft_min_rad=low,
+            soft_max_rad=high,
             velocity_rad_s=(1.0 + safety.velocity_margin) * np.array(arm.velocity_limit_rad_s),
             k_position_per_s=k_position,
             k_velocity_nms_per_rad=k_velocity,

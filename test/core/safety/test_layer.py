@@ -86,8 +86,8 @@ def test_letting_go_fades_as_slowly_as_efforts_may_grow_and_ends_at_zero() -> No
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_beyond_a_soft_limit_the_arm_is_pushed_back_whatever_is_wanted(side: float) -> None:
     effort, changed = layer().permit(state(1, side * np.array([2.85, 0.0])), side * np.array([20.0, 1.0]))
-    # 0.05 rad beyond: six times two thirds of K.
-    assert effort[0] == pytest.approx(-side * 6.0 * 10.0 * 0.05)
+    # 0.05 rad beyond: twice four times K.
+    assert effort[0] == pytest.approx(-side * 2.0 * 60.0 * 0.05)
     assert changed.tolist() == [True, False]
 
 
@@ -103,7 +103,7 @@ def test_a_joint_well_above_its_velocity_limit_is_braked_whatever_is_wanted(side
 def test_an_effort_that_brakes_or_goes_inward_is_left_alone() -> None:
     safe = layer()
     wanted = np.array([-12.0, 12.0])
-    effort, changed = safe.permit(state(1, (2.9, -2.9), (1.0, -1.0)), wanted)
+    effort, changed = safe.permit(state(1, (2.85, -2.85), (1.0, -1.0)), wanted)
     np.testing.assert_array_equal(effort, wanted)
     assert not changed.any()
 
@@ -174,6 +174,7 @@ def test_numbers_that_do_not_fit_the_arm_are_refused(
         ("soft_margin_rad", (math.nan, 0.1)),
         ("k_position_per_s", (-1.0, 1.0)),
         ("k_velocity_nms_per_rad", (math.inf, 1.0)),
+        ("deceleration_rad_s2", (0.0, 1.0)),
         ("velocity_margin", -0.1),
         ("command_timeout_s", 0.0),
         ("final_effort", "off"),
