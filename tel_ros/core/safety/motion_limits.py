@@ -55,8 +55,8 @@ class MotionLimits:
 
     By default k_position · k_velocity = 4 K and k_velocity = 2 B: no command can pull harder than springs
     would that are four times as stiff, have twice the damping and their equilibrium point at the soft limit.
-    Gains that follow those of the arm's own springs suit heavy and light joints alike. Such a wall stops what is
-    slow; what is fast is braked before (:mod:`~tel_ros.core.safety.braking_distance`).
+    Gains that follow those of the arm's own springs suit heavy and light joints alike. Such a wall stops what
+    is slow; what is fast is braked before (:mod:`~tel_ros.core.safety.braking_distance`).
 
     Sources: wiki.ros.org/pr2_controller_manager/safety_limits; urdf::JointSafety;
     joint_limits/src/joint_soft_limiter.cpp of ros2_control.
