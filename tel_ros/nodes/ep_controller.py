@@ -287,10 +287,8 @@ class EpControllerNode(ManagedNode):
         if self._states_are_fresh() or not (self._commanding or self._controller.active):
             return
         message = f"no joint state for {self._state_timeout_s} s"
-        holds = self._interface == "position"
-        self.get_logger().error(
-            f"{message}: {'the drives hold their set points' if holds else 'zero effort'}"
-        )
+        left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"
+        self.get_logger().error(f"{message}: {left}")
         self._controller.lose_states(message)
         self._publish_zero()
         self._trials.finish(self._controller.report)
