@@ -196,6 +196,8 @@ class Injection:
             graph.send(name, signal.SIGSTOP)
         elif verb == "kill":
             graph.send(name, signal.SIGKILL)
+        elif fault.kind == "emergency_stop":
+            self._tap.emergency_stop()
         elif fault.kind == "interrupt":
             graph.send("tel", signal.SIGINT)
         elif fault.kind == "disk_full":

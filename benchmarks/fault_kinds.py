@@ -370,6 +370,15 @@ KINDS: dict[str, Kind] = {
             weight=0.7,
         ),
         Kind(
+            *("emergency_stop", "process", "somebody calls /safety/stop"),
+            "The arm is braked and let go; the run ends and says why.",
+            *(_nothing, _always("stop"), "emergency stop"),
+            setups=EVERYWHERE,
+            ends_run=True,
+            codes=(1,),
+            weight=0.7,
+        ),
+        Kind(
             *("hang_ep_controller", "process", "SIGSTOP for good"),
             _WATCHDOG + "the run ends because the controller does not answer.",
             *(_nothing, _always("stop"), "execute_trial was silent"),

@@ -21,6 +21,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 from tel_interfaces.msg import ControlState
 
 from tel_ros.core.types import NS_PER_S
@@ -78,6 +79,7 @@ class Tap(Node):
         self._due: tuple[int, float, Callable[[int], None]] | None = None
         self._foreign: tuple[Publisher, Callable[[], Message], int] | None = None
         self.foreign_since_ns: int | None = None
+        self._stop = self.create_client(Trigger, topics.SAFETY_STOP)
         group = BusyGroup()
         to_graph = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM) if in_between else None
         to_arm = self.create_publisher(Float64MultiArray, ARM_COMMANDS, qos.STREAM) if in_between else None
@@ -126,6 +128,10 @@ class Tap(Node):
         publisher = self.create_publisher(self.channels[channel].kind, topic, qos.STREAM)
         self._foreign = (publisher, make, self.arm_ns + round(duration_s * NS_PER_S))
         self.foreign_since_ns = None
+
+    def emergency_stop(self) -> None:
+        """Ask the controller to stop."""
+        self._stop.call_async(Trigger.Request())
 
     def trace(self, since_wall_s: float) -> Trace:
         """Return what the arm did and the controller said since a moment of the wall clock."""
