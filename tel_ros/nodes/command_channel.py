@@ -12,8 +12,6 @@ from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import CommandFiller
 from tel_ros.recording import topics
 
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-
 
 class CommandSource(Protocol):
     """What has the last word on commands: the safety layer, or the guard of set points behind it."""
@@ -58,17 +56,6 @@ class CommandChannel:
     def listeners(self) -> int:
         """How many subscriptions hear the commands."""
         return int(self._pub.get_subscription_count())
-
-    def rivals(self) -> list[str]:
-        """Return the nodes that command the arm as well, apart from the guard, which knows its place.
-
-        A publisher whose node is not known yet is not counted.
-        """
-        if self._node.count_publishers(self.topic) <= 1:
-            return []
-        harmless = {self._node.get_name(), topics.ARM_GUARD, _UNKNOWN_NODE}
-        infos = self._node.get_publishers_info_by_topic(self.topic)
-        return sorted({info.node_name for info in infos} - harmless)
 
     def send(self, stamp_ns: int) -> None:
         """Command what the source has last permitted, in answer to the joint state with this stamp."""

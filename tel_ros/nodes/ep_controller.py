@@ -29,6 +29,7 @@ from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
+from tel_ros.nodes.rivals import Rivals
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.safety_services import SafetyServices
 from tel_ros.nodes.trial_server import FEEDBACK_PERIOD_S, TrialServer
@@ -36,7 +37,7 @@ from tel_ros.recording import topics
 
 WATCHDOG_PERIOD_S = 0.02
 READY_PERIOD_S = 0.1
-RIVALS_PERIOD_S = 0.05
+RIVALS_PERIOD_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
@@ -95,7 +96,7 @@ class EpControllerNode(ManagedNode):
         ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
         self.create_timer(RIVALS_PERIOD_S, self._watch_rivals)
-        self._rivals: list[str] = []
+        self._rivals = Rivals(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
         self._ready_pub.publish(self._ready)
@@ -180,6 +181,8 @@ class EpControllerNode(ManagedNode):
 
     def _on_joint_state(self, message: JointState) -> None:
         self._arrived_ns = time.monotonic_ns()
+        if self._rivals.of_states:
+            return  # nobody knows whose it is
         try:
             state = self._reader.read(message)
         except StateError as error:
@@ -286,7 +289,9 @@ class EpControllerNode(ManagedNode):
     def _watch_states(self) -> None:
         if self._states_are_fresh() or not (self._commanding or self._controller.active):
             return
-        message = f"no joint state for {self._state_timeout_s} s"
+        self._lose_states(f"no joint state for {self._state_timeout_s} s")
+
+    def _lose_states(self, message: str) -> None:
         left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"
         self.get_logger().error(f"{message}: {left}")
         self._controller.lose_states(message)
@@ -295,13 +300,12 @@ class EpControllerNode(ManagedNode):
         self._end_if_stopped()
 
     def _watch_rivals(self) -> None:
-        """Abort when somebody else commands the arm: it gets now the one's efforts and now the other's."""
-        self._rivals = self._channel.rivals() if self._channel is not None else []
-        if self._rivals and self._controller.active:
-            self._controller.abort(self._rivalry())
-
-    def _rivalry(self) -> str:
-        return f"{', '.join(self._rivals)} commands the arm on {self._channel.topic}, too"
+        """Stop when the arm gets now this one's efforts and now another's, or two speak for it."""
+        self._rivals.look()
+        if self._rivals.of_states and (self._commanding or self._controller.active):
+            self._lose_states(self._rivals.of_states)
+        elif self._rivals.of_commands:
+            self._controller.abort(self._rivals.of_commands)
 
     def _begin(self, goal: TrialGoal) -> None:
         if not self._acts:
@@ -311,8 +315,8 @@ class EpControllerNode(ManagedNode):
             )
         if not self._states_are_fresh():
             raise StateError(f"no joint states on {topics.JOINT_STATES}")
-        if self._rivals:
-            raise StateError(self._rivalry())
+        if str(self._rivals):
+            raise StateError(str(self._rivals))
         if self._channel.listeners == 0:
             raise StateError(f"nobody listens to {self._channel.topic}")
         self._controller.start(goal)
@@ -321,7 +325,9 @@ class EpControllerNode(ManagedNode):
         self._controller.cancel()
 
     def _publish_ready(self) -> None:
-        ready = self._acts and self._states_are_fresh() and not self._rivals and self._channel.listeners > 0
+        ready = (
+            self._acts and self._states_are_fresh() and not str(self._rivals) and self._channel.listeners > 0
+        )
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)

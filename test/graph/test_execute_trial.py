@@ -249,3 +249,22 @@ def test_a_trial_is_aborted_when_somebody_else_commands_the_arm(graph: StartGrap
     refused = running.result(running.send(running.goal()))
     assert refused.outcome == TrialResult.REFUSED
     assert "commands the arm" in refused.message
+
+
+def test_two_that_speak_for_the_arm_are_not_believed(graph: StartGraph) -> None:
+    running = graph(ARM_AND_CONTROLLER)
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    running.wait_for_controller()
+    handle = running.send(running.goal(20.0))
+    running.spin_until(lambda: len(commands) > 100, 20.0, "commands")
+    second = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    result = running.result(handle)
+    assert result.outcome == TrialResult.ABORTED
+    assert "sim_bridge and test publish /joint_states: who speaks for the arm?" in result.message
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
+    running.node.destroy_publisher(second)
+
+    def completed() -> bool:
+        return running.result(running.send(running.goal())).outcome == TrialResult.COMPLETED
+
+    running.spin_until(completed, 40.0, "a trial with one arm again")

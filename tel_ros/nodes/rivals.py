@@ -1,0 +1,52 @@
+"""Who else is on the arm's topics: nobody should be."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+
+from tel_ros.recording import topics
+
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+
+
+class Rivals:
+    """Looks for others who command the arm, and for a second one who speaks for it.
+
+    A publisher whose node is not known yet is not counted.
+
+    Args:
+        node: that commands.
+        command_topic: on which it does.
+    """
+
+    def __init__(self, node: Node, command_topic: str) -> None:
+        self._node, self._command_topic = node, command_topic
+        self.of_commands = ""
+        """Who commands the arm as well, in words; empty: nobody does, apart from the guard."""
+        self.of_states = ""
+        """Who publishes joint states, in words; empty: one node at most."""
+
+    def __str__(self) -> str:
+        """Return what is wrong; empty: nothing."""
+        return self.of_states or self.of_commands
+
+    def look(self) -> None:
+        """Look again."""
+        others = self._publishers(self._command_topic) - {self._node.get_name(), topics.ARM_GUARD}
+        self.of_commands = (
+            f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too" if others else ""
+        )
+        speakers = self._publishers(topics.JOINT_STATES)
+        several = len(speakers) > 1
+        self.of_states = (
+            f"{' and '.join(sorted(speakers))} publish {topics.JOINT_STATES}: who speaks for the arm?"
+            if several
+            else ""
+        )
+
+    def _publishers(self, topic: str) -> set[str]:
+        # Counting costs little, asking for names does not.
+        if self._node.count_publishers(topic) <= 1:
+            return set()
+        infos = self._node.get_publishers_info_by_topic(topic)
+        return {info.node_name for info in infos} - {_UNKNOWN_NODE}
