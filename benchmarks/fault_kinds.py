@@ -25,6 +25,13 @@ LOCKSTEP = ("lockstep", "iiwa_lockstep")
 EVERYWHERE = (*IN_BETWEEN, *LOCKSTEP)
 OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
 """Nodes that a trial, once begun, does not need."""
+
+
+def _where(node: str) -> tuple[str, ...]:
+    """Return the graphs that have a node: an arm in lockstep waits for commands and needs no guard."""
+    return IN_BETWEEN if node == "arm_guard" else EVERYWHERE
+
+
 STATES_LOST = r"no joint state|no joint states|stamps of the joint states|off its desired|moves at|is at "
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
 SILENCE_S = 0.1
@@ -313,7 +320,7 @@ KINDS: dict[str, Kind] = {
                 "SIGSTOP for 0.2 to 1.5 s",
                 _LOOP_WHOLE,
                 *(_pause, _always("ride"), STATES_LOST),
-                setups=EVERYWHERE,
+                setups=_where(node),
                 weight=0.5,
             )
             for node in (*OUTSIDE_THE_LOOP, "tel")
@@ -333,7 +340,7 @@ KINDS: dict[str, Kind] = {
                 "SIGKILL",
                 "The run ends: the controller brakes the arm, then its effort goes to zero.",
                 *(_nothing, _always("end"), f"node {node} was killed by SIGKILL"),
-                setups=EVERYWHERE,
+                setups=_where(node),
                 ends_run=True,
                 codes=(3,),
                 weight=0.7,
