@@ -167,7 +167,7 @@ def _by_length(parameters: Parameters) -> Expectation:
 _UNUSABLE = (
     "A few are ignored; when none that can be used has come for 0.1 s the trial is aborted with zero effort."
 )
-_WATCHDOG = "The arm's own watchdog takes the effort away after 0.1 s; "
+_WATCHDOG = "The arm's own watchdog takes the effort away after 20 ms; "
 _LOOP_WHOLE = "It is no part of the control loop: the trial goes on."
 
 KINDS: dict[str, Kind] = {

@@ -10,7 +10,7 @@ _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
 class Rivals:
-    """Looks for others who command the arm, and for a second one who speaks for it.
+    """Looks for others who command the arm, and for a second publisher that speaks for it.
 
     A publisher whose node is not known yet is not counted.
 
@@ -32,21 +32,21 @@ class Rivals:
 
     def look(self) -> None:
         """Look again."""
-        others = self._publishers(self._command_topic) - {self._node.get_name(), topics.ARM_GUARD}
+        others = set(self._publishers(self._command_topic)) - {self._node.get_name(), topics.ARM_GUARD}
         self.of_commands = (
             f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too" if others else ""
         )
         speakers = self._publishers(topics.JOINT_STATES)
-        several = len(speakers) > 1
         self.of_states = (
-            f"{' and '.join(sorted(speakers))} publish {topics.JOINT_STATES}: who speaks for the arm?"
-            if several
+            f"{' and '.join(speakers)} publish {topics.JOINT_STATES}: who speaks for the arm?"
+            if len(speakers) > 1
             else ""
         )
 
-    def _publishers(self, topic: str) -> set[str]:
+    def _publishers(self, topic: str) -> list[str]:
+        """Return the node of each publisher of a topic, if there are several."""
         # Counting costs little, asking for names does not.
         if self._node.count_publishers(topic) <= 1:
-            return set()
+            return []
         infos = self._node.get_publishers_info_by_topic(topic)
-        return {info.node_name for info in infos} - {_UNKNOWN_NODE}
+        return sorted(info.node_name for info in infos if info.node_name != _UNKNOWN_NODE)

@@ -69,13 +69,14 @@ def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel
 
 
 def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel: Tel) -> None:
-    first = tel(*QUICK, name="first")
+    two_trials = (*QUICK, "practice.trials=2")
+    first = tel(*two_trials, name="first")
     code_1, out_1, err_1 = first.finish()
-    second = tel(*QUICK, name="second", TEL_ROS_PLAIN_EXECUTOR="1")
+    second = tel(*two_trials, name="second", TEL_ROS_PLAIN_EXECUTOR="1")
     code_2, out_2, err_2 = second.finish()
     assert (code_1, code_2) == (0, 0), err_1 + err_2
     assert without_wall_clock(summary_of(out_1)) == without_wall_clock(summary_of(out_2))
-    for name in ("trial_001", "trial_003"):
+    for name in ("trial_001", "trial_002"):
         for topic in (*topics.RECORDED_LIVE, topics.EFFORT_COMMANDS):
             assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
 
@@ -89,7 +90,8 @@ def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
         code, out, err = run.finish()
         row = summary_of(out)["trials"][0]
         # The arm does not wait for a machine that stands still, and may be anywhere afterwards.
-        if row["outcome"] == "completed" or row["timing"]["jitter_max_s"] < STOOD_STILL_S:
+        stood_still = row["timing"] is None or row["timing"]["jitter_max_s"] >= STOOD_STILL_S
+        if row["outcome"] == "completed" or not stood_still:
             break
     assert code == 0, err
     assert row["outcome"] == "completed"
@@ -106,7 +108,8 @@ def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
 
 @pytest.mark.parametrize("victim", NODES)
 def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel, victim: str) -> None:
-    run = tel(*QUICK)
+    # Without its arm the controller waits for so long before it gives up braking.
+    run = tel(*QUICK, "sim.lockstep_timeout_s=3.0")
     nodes = run.wait_until_moving(trial=2)
     assert sorted(nodes) == sorted(NODES)
     nodes[victim].kill()
