@@ -277,10 +277,9 @@ class EpController:
         violation = self._age.violation(state.time_ns - self._last_ns)
         if violation is None:
             return
-        if self.phase != Phase.STOP:
-            self._stop(Outcome.ABORTED, violation)
-        elif state.time_ns <= self._last_ns:
-            self._begin_stop(state.time_ns)
+        self._stop(Outcome.ABORTED, violation)
+        # On the clock that counts from now on, which says when the arm has had its time to come to rest.
+        self._begin_stop(state.time_ns)
 
     def _begin_approach(self, state: ArmState) -> None:
         assert self._goal is not None

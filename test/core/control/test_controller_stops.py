@@ -269,6 +269,18 @@ def test_a_gap_between_trials_brakes_the_arm_and_leaves_the_report_alone() -> No
     assert report.outcome == Outcome.COMPLETED
 
 
+@pytest.mark.parametrize("gap_s", [0.2, 3600.0])
+def test_after_a_gap_a_trial_ends_when_the_arm_is_at_rest_and_not_when_the_clock_says_so(
+    gap_s: float,
+) -> None:
+    bench = in_run(0.5)
+    bench.time_ns += round(gap_s * NS_PER_S)
+    report = bench.finish()
+    assert report.outcome == Outcome.ABORTED
+    assert "not at rest" not in report.message
+    assert bench.arm.kinetic_energy() < 1e-3
+
+
 def test_a_stop_in_which_the_stamps_go_back_still_ends() -> None:
     """The clock of an arm that restarts begins anew; the trial must not hang for that."""
     bench = make_bench(time_ns=1000 * NS_PER_S)
