@@ -22,6 +22,8 @@ GAIN = 10.0
 BAND = 0.15
 """How far above the speed that can still be braked, as a share of it, no effort is left towards the limit."""
 _FAR_RAD = 1e9
+NO_BOUNDS = EffortRange(np.array(-np.inf), np.array(np.inf))
+"""For any number of joints."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +75,18 @@ class BrakingDistance:
             position_rad: shape (n_joints,).
             velocity_rad_s: shape (n_joints,).
         """
-        return EffortRange(
-            -self._outward(position_rad - self.soft_min_rad, -velocity_rad_s),
-            self._outward(self.soft_max_rad - position_rad, velocity_rad_s),
-        )
-
-    def _outward(self, room_rad: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
-        room = np.minimum(np.maximum(room_rad, 0.0), _FAR_RAD)
+        speed = np.abs(velocity_rad_s)
+        # Most ticks end here or below: this is in the control loop.
+        if (speed <= self.creep_rad_s).all():
+            return NO_BOUNDS
+        upward = velocity_rad_s > 0.0
+        room = np.where(upward, self.soft_max_rad - position_rad, position_rad - self.soft_min_rad)
+        room = np.minimum(np.maximum(room, 0.0), _FAR_RAD)
         fastest = np.sqrt(2.0 * self.deceleration_rad_s2 * room) + self.creep_rad_s
+        too_fast = speed > fastest
+        if not too_fast.any():
+            return NO_BOUNDS
         gain, limit = self.gain_nms_per_rad, self.effort_limit_nm
-        braking = gain * (fastest - speed_rad_s) + np.minimum(limit, gain * BAND * fastest)
-        return np.where(speed_rad_s > fastest, np.maximum(braking, -limit), np.inf)
+        braking = gain * (fastest - speed) + np.minimum(limit, gain * BAND * fastest)
+        outward = np.where(too_fast, np.maximum(braking, -limit), np.inf)
+        return EffortRange(np.where(upward, -np.inf, -outward), np.where(upward, outward, np.inf))

