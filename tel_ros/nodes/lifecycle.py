@@ -8,6 +8,7 @@ state is answered. In rclpy 7.1 it would end the process, which may be holding a
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections.abc import Callable
 
@@ -19,7 +20,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from tel_ros.core.errors import TelError
-from tel_ros.nodes.waiting import DeclinedError, ask
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, SilenceError, ask
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
@@ -149,8 +150,9 @@ class LifecycleClient:
             State.PRIMARY_STATE_UNCONFIGURED: (Transition.TRANSITION_CONFIGURE, "configured"),
             State.PRIMARY_STATE_INACTIVE: (Transition.TRANSITION_ACTIVATE, "activated"),
         }
+        end = time.monotonic() + timeout_s
         while True:
-            state = ask(self._get, GetState.Request(), timeout_s, poll).current_state
+            state = ask(self._get, GetState.Request(), timeout_s, poll, AGAIN_S).current_state
             if state.id == State.PRIMARY_STATE_ACTIVE:
                 return
             if state.id not in steps:
@@ -159,5 +161,11 @@ class LifecycleClient:
                 )
             transition, done = steps[state.id]
             request = ChangeState.Request(transition=Transition(id=transition))
-            if not ask(self._change, request, timeout_s, poll).success:
+            try:
+                changed = ask(self._change, request, AGAIN_S, poll).success
+            except SilenceError:
+                if time.monotonic() > end:
+                    raise
+                continue  # the state tells whether it was only the answer that was lost
+            if not changed:
                 raise DeclinedError(f"{self._managed} could not be {done}; its log says why")

@@ -49,7 +49,7 @@ from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.runner import run_node
-from tel_ros.nodes.waiting import DeclinedError, NoAnswerError, call, send_goal, wait
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
 from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
@@ -322,7 +322,9 @@ class PracticeManagerNode(Node):
         return wait(handle.get_result_async(), float("inf"), topics.EXECUTE_TRIAL, watch).result.result
 
     def _call(self, client: Client, request: Any, timeout_s: float) -> Any:
-        return call(client, request, timeout_s, self._give_up_in_time)
+        may_be_done_twice = client in (self._predict, self._save, self._load)
+        again_s = AGAIN_S if may_be_done_twice else math.inf
+        return call(client, request, timeout_s, self._give_up_in_time, again_s)
 
     def _give_up_in_time(self) -> None:
         """When this node has to end, the others may have ended already: do not wait for long."""

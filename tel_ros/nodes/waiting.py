@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -14,10 +15,16 @@ from rclpy.task import Future
 from tel_ros.core.errors import TelError
 
 _POLL_PERIOD_S = 0.1
+AGAIN_S = 5.0
+"""A good time to ask again after."""
 
 
 class NoAnswerError(TelError):
     """Another node is not there, does not answer, or says that it failed."""
+
+
+class SilenceError(NoAnswerError):
+    """Another node is there and has not answered in time."""
 
 
 class DeclinedError(NoAnswerError):
@@ -34,7 +41,7 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
         poll: called ten times a second meanwhile; may raise to end the waiting.
 
     Raises:
-        NoAnswerError: the time is over.
+        SilenceError: the time is over.
     """
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
@@ -43,12 +50,28 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
         waited_s += _POLL_PERIOD_S
         poll()
         if waited_s > timeout_s:
-            raise NoAnswerError(f"{what} did not answer within {timeout_s:.1f} s")
+            raise SilenceError(f"{what} did not answer within {timeout_s:.1f} s")
     return future.result()
 
 
-def ask(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
+def ask(
+    client: Client,
+    request: Any,
+    timeout_s: float,
+    poll: Callable[[], None] = lambda: None,
+    again_s: float = math.inf,
+) -> Any:
     """Call a service, once it is there, and return its response.
+
+    That a service is there does not mean that its answers find their way yet: the first one after the start
+    of two nodes may be lost.
+
+    Args:
+        client: of the service.
+        request: what to ask.
+        timeout_s: for the service to be there, and for its answer (wall clock).
+        poll: called ten times a second meanwhile; may raise to end the waiting.
+        again_s: after how long without an answer to ask once more; only for what may be done twice.
 
     Raises:
         NoAnswerError: it is not there or does not answer in time.
@@ -60,17 +83,31 @@ def ask(client: Client, request: Any, timeout_s: float, poll: Callable[[], None]
             raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
         time.sleep(_POLL_PERIOD_S)
         waited_s += _POLL_PERIOD_S
-    return wait(client.call_async(request), timeout_s, client.srv_name, poll)
+    left_s = timeout_s
+    while left_s > again_s:
+        future = client.call_async(request)
+        try:
+            return wait(future, again_s, client.srv_name, poll)
+        except SilenceError:
+            client.remove_pending_request(future)
+        left_s -= again_s
+    return wait(client.call_async(request), left_s, client.srv_name, poll)
 
 
-def call(client: Client, request: Any, timeout_s: float, poll: Callable[[], None] = lambda: None) -> Any:
-    """Call a service whose response has ``success`` and ``message``.
+def call(
+    client: Client,
+    request: Any,
+    timeout_s: float,
+    poll: Callable[[], None] = lambda: None,
+    again_s: float = math.inf,
+) -> Any:
+    """Call a service whose response has ``success`` and ``message``; arguments as for :func:`ask`.
 
     Raises:
         NoAnswerError: it is not there or does not answer in time.
         DeclinedError: it did not succeed.
     """
-    response = ask(client, request, timeout_s, poll)
+    response = ask(client, request, timeout_s, poll, again_s)
     if not response.success:
         raise DeclinedError(f"{client.srv_name}: {response.message}")
     return response
