@@ -37,7 +37,6 @@ from tel_ros.recording import topics
 
 WATCHDOG_PERIOD_S = 0.02
 READY_PERIOD_S = 0.1
-RIVALS_PERIOD_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
@@ -94,8 +93,7 @@ class EpControllerNode(ManagedNode):
                 callback_group=BusyGroup(),
             )
         ]
-        self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
-        self.create_timer(RIVALS_PERIOD_S, self._watch_rivals)
+        self.create_timer(WATCHDOG_PERIOD_S, self._watch)
         self._rivals = Rivals(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
@@ -285,6 +283,10 @@ class EpControllerNode(ManagedNode):
 
     def _states_are_fresh(self) -> bool:
         return time.monotonic() - self._last_state_at < self._state_timeout_s
+
+    def _watch(self) -> None:
+        self._watch_rivals()
+        self._watch_states()
 
     def _watch_states(self) -> None:
         if self._states_are_fresh() or not (self._commanding or self._controller.active):
