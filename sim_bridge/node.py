@@ -131,8 +131,8 @@ class SimBridgeNode(Node):
         if not silent:
             return Health(Level.OK, "waits for commands" if self._commanded_at == 0.0 else "runs", values)
         if self._arm.at_rest(REST_SPEED_RAD_S):
-            return Health(Level.OK, "no commands: effort is zero, the arm rests", values)
-        return Health(Level.ERROR, "no commands: effort is zero, the arm coasts", values)
+            return Health(Level.OK, "no commands: the arm rests", values)
+        return Health(Level.ERROR, f"no commands: {self._on_silence}", values)
 
     # In real time.
 
