@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tel_ros.core.types import NS_PER_S, FloatArray
@@ -28,7 +30,7 @@ class HoldingLoad:
         if self._smooth_nm is None or step_s <= 0.0:
             self._smooth_nm = effort_nm
         else:
-            share = -np.expm1(-step_s / SMOOTHING_S)
+            share = -math.expm1(-step_s / SMOOTHING_S)
             self._smooth_nm = self._smooth_nm + share * (effort_nm - self._smooth_nm)
         self._last_ns = time_ns
 

@@ -12,7 +12,7 @@ class TrackingScore:
 
     def __init__(self, n_joints: int) -> None:
         self.ticks = 0
-        self._max_error_rad = 0.0
+        self._largest_rad = np.zeros(n_joints)
         self.max_effort_nm = np.zeros(n_joints)
         self._squares = np.zeros(n_joints)
         self._saturated = 0
@@ -21,7 +21,7 @@ class TrackingScore:
         """Take in one tick. Shapes (n_joints,)."""
         self.ticks += 1
         self._squares += error_rad * error_rad
-        self._max_error_rad = max(self._max_error_rad, float(np.abs(error_rad).max()))
+        self._largest_rad = np.maximum(self._largest_rad, np.abs(error_rad))
         self.max_effort_nm = np.maximum(self.max_effort_nm, np.abs(effort_nm))
         self._saturated += bool(saturated.any())
 
@@ -40,7 +40,7 @@ class TrackingScore:
     @property
     def max_error_rad(self) -> float:
         """Largest deviation of any joint, NaN before the first tick."""
-        return self._max_error_rad if self.ticks else float("nan")
+        return float(self._largest_rad.max()) if self.ticks else float("nan")
 
     @property
     def saturated_ratio(self) -> float:

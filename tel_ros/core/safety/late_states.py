@@ -8,6 +8,11 @@ PUNCTUAL_PERIODS = 2.0
 """... nor within this many control periods."""
 
 
+def punctual_s(period_s: float) -> float:
+    """Return for how long [s] a state is awaited before it counts as late."""
+    return max(PUNCTUAL_S, PUNCTUAL_PERIODS * period_s)
+
+
 def share_of_effort(since_last_s: float, period_s: float) -> float:
     """Return which share of an effort may act, given how long the last one had to.
 
@@ -21,5 +26,5 @@ def share_of_effort(since_last_s: float, period_s: float) -> float:
         since_last_s: time between the last two states that were answered.
         period_s: of control.
     """
-    punctual_s = max(PUNCTUAL_S, PUNCTUAL_PERIODS * period_s)
-    return 1.0 if since_last_s <= punctual_s else punctual_s / since_last_s
+    in_time_s = punctual_s(period_s)
+    return 1.0 if since_last_s <= in_time_s else in_time_s / since_last_s

@@ -13,7 +13,8 @@ from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
-from tel_ros.core.safety.late_states import share_of_effort
+from tel_ros.core.safety.free_zone import FreeZone
+from tel_ros.core.safety.late_states import punctual_s, share_of_effort
 from tel_ros.core.safety.motion_limits import MotionLimits
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
@@ -55,10 +56,14 @@ class SafetyLayer:
         self.motion = MotionLimits.of(arm, safety)
         self.limit = effort_limit(arm)
         self._period_s = 1.0 / rate_hz
+        self._free = FreeZone.of(self.rate, self.braking, self.motion, self.limit, self._period_s)
+        self._punctual_ns = round(min(punctual_s(self._period_s), LONGEST_GAP_S) * NS_PER_S) - 1
         self._n_joints = len(arm.joints)
         self._last_ns: int | None = None
         self.last_nm = np.zeros(self._n_joints)
         """What the arm was last permitted. Shape (n_joints,)."""
+        self._nothing_changed = np.zeros(self._n_joints, dtype=bool)
+        self._nothing_changed.flags.writeable = False
 
     @property
     def last_command(self) -> FloatArray:
@@ -84,6 +89,9 @@ class SafetyLayer:
             EffortError: the effort is not finite. The last one is zero from then on, and that is what is to
                 be commanded: :meth:`none`.
         """
+        if self._is_free(state, wanted_nm):
+            self._last_ns, self.last_nm = state.time_ns, wanted_nm
+            return Permitted(wanted_nm, self._nothing_changed)
         try:
             require_finite(wanted_nm, self._n_joints)
         except EffortError:
@@ -100,6 +108,14 @@ class SafetyLayer:
             effort_nm = share_of_effort(since_last_s, self._period_s) * effort_nm
         self._last_ns, self.last_nm = state.time_ns, effort_nm
         return Permitted(effort_nm, effort_nm != wanted_nm)
+
+    def _is_free(self, state: ArmState, wanted_nm: FloatArray) -> bool:
+        """Return whether no rule has anything to say about an effort, as far as one test tells."""
+        if self._last_ns is None or wanted_nm.shape != self.last_nm.shape:
+            return False
+        if not self._free.shortest_ns <= state.time_ns - self._last_ns <= self._punctual_ns:
+            return False
+        return self._free.has(state, wanted_nm, self.last_nm)
 
     def fading(self, time_ns: int) -> FloatArray:
         """Return the effort to want for the last one to fade to zero. Shape (n_joints,)."""

@@ -84,16 +84,17 @@ class Limits:
 
     def violation(self, state: ArmState, desired_rad: FloatArray) -> str | None:
         """Return what is wrong with a measured state in words, or None if it is inside all limits."""
+        # One comparison of everything, because this is in the control loop.
+        ways = (
+            state.position_rad - self.position_max_rad,
+            self.position_min_rad - state.position_rad,
+            np.abs(state.position_rad - desired_rad) - self.corridor_rad,
+            np.abs(state.velocity_rad_s) - self.velocity_rad_s,
+        )
+        if (np.concatenate(ways) <= 0.0).all():
+            return None
         error = np.abs(state.position_rad - desired_rad)
         speed = np.abs(state.velocity_rad_s)
-        inside = (
-            (error <= self.corridor_rad)
-            & (speed <= self.velocity_rad_s)
-            & (state.position_rad >= self.position_min_rad)
-            & (state.position_rad <= self.position_max_rad)
-        )
-        if inside.all():
-            return None
         j = int(np.argmax(error))
         if error[j] > self.corridor_rad:
             return (
