@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,6 +25,7 @@ WIDTH_IN = 10.5
 _ROW_IN, _REST_IN = 1.6, 1.1
 _DRAWN_POINTS = 3000
 """Of a curve: more than a figure has pixels."""
+_TITLE_LETTERS = 125
 _AROUND_ALPHA = 0.45
 
 
@@ -36,12 +39,15 @@ def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title:
     """
     figure, rows = _grid(trial.joints, ("position [rad]", "actual − desired [rad]", "torque [N·m]"), title)
     time_s, n = trial.time_s, len(trial.joints)
+    # On the way to the start it is the equilibrium point that is moved; there is no desired position yet.
+    on_the_way = (trial.phase == Phase.APPROACH)[:, np.newaxis]
+    desired = np.where(on_the_way, np.nan, trial.desired[:, :n])
     clipped = limited = False
     for joint, (position, error, torque) in enumerate(rows):
         for axes in (position, error, torque):
             _shade(axes, time_s, ~trial.run & (trial.phase != Phase.STOP), FAINT, _AROUND_ALPHA)
             _shade(axes, time_s, trial.phase == Phase.STOP, PURPLE, 0.12)
-        desired_rad, actual_rad = trial.desired[:, joint], trial.position_rad[:, joint]
+        desired_rad, actual_rad = desired[:, joint], trial.position_rad[:, joint]
         _curve(position, time_s, trial.equilibrium_rad[:, joint], color=GREY, linewidth=1.3)
         _curve(position, time_s, actual_rad, color=BLUE, linewidth=1.2)
         _curve(position, time_s, desired_rad, color=INK, linestyle=DOTS, linewidth=1.1)
@@ -103,16 +109,20 @@ def thinned(time_s: FloatArray, values: FloatArray, most: int) -> tuple[FloatArr
     """
     if len(values) <= most:
         return time_s, values
-    edges = np.linspace(0, len(values), most // 2 + 1).astype(int)
-    kept: set[int] = {0, len(values) - 1}
-    for first, end in zip(edges[:-1], edges[1:], strict=True):
-        stretch = values[first:end]
-        gaps = np.isnan(stretch)
-        if not gaps.all():
-            kept |= {first + int(np.nanargmin(stretch)), first + int(np.nanargmax(stretch))}
-        if gaps.any():
-            kept.add(first + int(np.argmax(gaps)))
-    places = np.array(sorted(kept))
+    width = math.ceil(len(values) / (most // 2))
+    padding = -len(values) % width
+    stretches = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, width)
+    gaps = np.isnan(stretches)
+    first = width * np.arange(len(stretches))
+    kept = np.concatenate(
+        [
+            [0, len(values) - 1],
+            first + np.where(gaps, np.inf, stretches).argmin(axis=1),
+            first + np.where(gaps, -np.inf, stretches).argmax(axis=1),
+            (first + gaps.argmax(axis=1))[gaps.any(axis=1)],
+        ]
+    )
+    places = np.unique(kept[kept < len(values)])
     return time_s[places], values[places]
 
 
@@ -120,7 +130,8 @@ def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Fig
     """Return axes with a row for each joint and a column for each label."""
     height = _ROW_IN * len(joints) + _REST_IN
     figure = Figure(figsize=(WIDTH_IN, height), layout="constrained")
-    figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, linespacing=1.5)
+    lines = [part for line in title.splitlines() for part in textwrap.wrap(line, _TITLE_LETTERS)]
+    figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9.5, linespacing=1.5)
     grid = figure.subplots(len(joints), len(labels), sharex=True, squeeze=False)
     for joint, row in zip(joints, grid, strict=True):
         for axes, label in zip(row, labels, strict=True):

@@ -44,6 +44,7 @@ def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
         yield "time", f"{bag.duration_s:.3f} s from {moment(bag.start_ns)}"
     if bag.trial is not None:
         yield "trial", trial_text(bag.trial)
+        yield "joints", ", ".join(bag.trial.joints)
     versions = [
         f"{key.removeprefix('version.')} {value}"
         for key, value in sorted(bag.metadata.items())
@@ -102,7 +103,7 @@ def trial_text(trial: InspectedTrial) -> str:
     return (
         f"{trial.index}, {trial.outcome}{why}: {seconds(trial.duration_s)}, α {significant(trial.alpha)}, "
         f"RMS error {significant(trial.rms_error_rad)} rad, at most {significant(trial.max_error_rad)} rad, "
-        f"{trial.ticks} ticks of {', '.join(trial.joints)}"
+        f"{trial.ticks} ticks"
     )
 
 

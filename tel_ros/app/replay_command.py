@@ -76,7 +76,9 @@ def replay(
         )
         with open_any_bag(bag) as reader, SpaceBar() as space_bar:
             plan = Replay(bag, reader, options)
-            with BagPlayer(plan, with_clock=with_clock, toggled=space_bar.pressed) as player:
+            with BagPlayer(
+                plan, with_clock=with_clock, toggled=space_bar.pressed, on_pause=_say_pause
+            ) as player:
                 _say_what_comes(bag, player, space_bar.works)
                 player.play(rate)
                 while loop:
@@ -98,6 +100,10 @@ def _say_what_comes(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
         click.echo(f"{topic.connection.topic} → {topic.name} ({count} message{'s' * (count != 1)})")
     if has_keyboard:
         click.echo("space bar: pause and continue; Ctrl-C: end")
+
+
+def _say_pause(paused: bool) -> None:
+    click.echo("paused" if paused else "goes on")
 
 
 def _say_what_was(player: BagPlayer) -> None:

@@ -53,15 +53,21 @@ class BagPlayer:
         replay: what to publish.
         with_clock: whether to publish ``/clock`` as well.
         toggled: called now and then; true: somebody at a keyboard wants a pause, or its end.
+        on_pause: called with true when a pause begins, with false when it ends.
 
     Raises:
         ReplayRefusedError: an arm is there, or somebody else publishes the time.
     """
 
     def __init__(
-        self, replay: Replay, *, with_clock: bool = True, toggled: Callable[[], bool] = lambda: False
+        self,
+        replay: Replay,
+        *,
+        with_clock: bool = True,
+        toggled: Callable[[], bool] = lambda: False,
+        on_pause: Callable[[bool], None] = lambda paused: None,
     ) -> None:
-        self._replay, self._toggled = replay, toggled
+        self._replay, self._toggled, self._said_pause = replay, toggled, on_pause
         self.skipped: list[str] = []
         """Why some topics are not published, a line each."""
         self.published = 0
@@ -179,10 +185,7 @@ class BagPlayer:
         if self._pacer is None:
             response.message = "the replay has not begun"
             return response
-        if request.data:
-            self._pacer.pause(time.monotonic())
-        else:
-            self._pacer.resume(time.monotonic())
+        self._set_pause(request.data)
         response.success = True
         response.message = "paused" if request.data else "goes on"
         return response
@@ -217,11 +220,16 @@ class BagPlayer:
         self._executor.spin_once(timeout_sec=0.0)
         self._refuse_if_in_danger(self._clock is not None)
         if self._toggled():
-            now_s = time.monotonic()
-            if self._pacer.paused:
-                self._pacer.resume(now_s)
-            else:
-                self._pacer.pause(now_s)
+            self._set_pause(not self._pacer.paused)
+
+    def _set_pause(self, wanted: bool) -> None:
+        if wanted == self._pacer.paused:
+            return
+        if wanted:
+            self._pacer.pause(time.monotonic())
+        else:
+            self._pacer.resume(time.monotonic())
+        self._said_pause(wanted)
 
     def _tell_time(self, time_ns: int) -> None:
         """Publish the time in the bag, if it has gone on."""

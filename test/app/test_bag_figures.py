@@ -48,6 +48,15 @@ def test_each_joint_shows_what_was_wanted_done_commanded_and_exerted(make_run: M
             np.testing.assert_array_equal(curve(axes, colour), np.column_stack([trial.time_s, values]))
 
 
+def test_no_desired_position_is_drawn_while_the_arm_is_on_its_way_to_the_start(make_run: MakeRun) -> None:
+    trial = read_trial(make_run([Trial()]) / "trial_001")
+    phase = np.where(np.arange(len(trial.phase)) < 2, Phase.APPROACH, trial.phase)
+    position, error, *_ = drawn(replace(trial, phase=phase)).axes
+    for axes, colour in ((position, INK), (error, ORANGE)):
+        np.testing.assert_array_equal(np.isnan(curve(axes, colour)[:, 1]), phase == Phase.APPROACH)
+    assert np.isfinite(curve(position, BLUE)).all()
+
+
 def test_limits_and_torques_that_were_held_back_are_marked_where_there_are_any(make_run: MakeRun) -> None:
     trial = read_trial(make_run([Trial(saturated=True)]) / "trial_001")
     figure = drawn(trial)
