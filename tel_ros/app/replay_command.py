@@ -64,8 +64,9 @@ def replay(
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
     from tel_ros.nodes.bag_player import BagPlayer
-    from tel_ros.recording.any_bag import open_any_bag
+    from tel_ros.recording.any_bag import open_any_bag, reading
     from tel_ros.recording.replay import Replay, ReplayOptions
+    from tel_ros.recording.trial_bag import check_sums
 
     # Also where a script has started this in the background, which makes it ignore SIGINT.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -74,6 +75,8 @@ def replay(
         options = ReplayOptions(
             rate=rate, start_offset_s=start_offset_s, patterns=patterns, states_to_nodes=states_to_nodes
         )
+        with reading(bag):
+            check_sums(bag)
         with open_any_bag(bag) as reader, SpaceBar() as space_bar:
             plan = Replay(bag, reader, options)
             with BagPlayer(

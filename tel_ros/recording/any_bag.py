@@ -18,9 +18,7 @@ _EXPECTED = "a closed rosbag2 folder, an .mcap, .db3 or .bag file"
 
 @contextmanager
 def open_any_bag(bag: Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError.
-
-    Types that a bag does not define are those of ROS 2 Jazzy and our own.
+    """Open a bag. Types that it does not define are those of ROS 2 Jazzy and our own.
 
     Raises:
         BagError: it is not there, was never closed, or cannot be read.
@@ -29,12 +27,27 @@ def open_any_bag(bag: Path) -> Iterator[AnyReader]:
         raise BagError(bag, "there is no such bag", _EXPECTED)
     if bag.is_dir() and not (bag / METADATA_FILE).is_file():
         raise BagError(bag, f"has no {METADATA_FILE}: it was never closed, or is no bag", _EXPECTED)
+    with reading(bag):
+        reader = AnyReader([bag], default_typestore=typestore())
+        reader.open()
     try:
-        with AnyReader([bag], default_typestore=typestore()) as reader:
-            yield reader
+        yield reader
+    finally:
+        reader.close()
+
+
+@contextmanager
+def reading(bag: Path) -> Iterator[None]:
+    """Make a BagError of whatever goes wrong with the bytes of a bag.
+
+    Raises:
+        BagError: damaged bytes make the reader and its libraries raise whatever they raise.
+    """
+    try:
+        yield
     except TelError:
         raise
-    except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
+    except Exception as error:
         raise BagError(bag, f"cannot be read ({' '.join(str(error).split())})", _EXPECTED) from error
 
 

@@ -17,7 +17,7 @@ from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag
+from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag, reading
 from tel_ros.recording.bag_writer import CHECKSUMS, UNFINISHED
 from tel_ros.recording.trial_bag import check_sums
 
@@ -133,7 +133,7 @@ def inspect_bag(bag: Path) -> InspectedBag:
         return InspectedBag(wholeness=Wholeness.UNFINISHED, problem=found, **known)
     known["version"], known["metadata"] = _stored(bag)
     try:
-        with open_any_bag(bag) as reader:
+        with open_any_bag(bag) as reader, reading(bag):
             start_ns, duration_s, found_topics = _topics(reader)
             trial = _trial(reader)
     except BagError as error:

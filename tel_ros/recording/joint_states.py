@@ -13,7 +13,7 @@ from rosbags.interfaces import Connection
 
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording.any_bag import open_any_bag
+from tel_ros.recording.any_bag import open_any_bag, reading
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -50,7 +50,7 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
     Raises:
         BagError: the bag cannot be read, has no such topic, or several to choose from.
     """
-    with open_any_bag(bag) as reader:
+    with open_any_bag(bag) as reader, reading(bag):
         connections = _connections(bag, reader, topic)
         messages: list[Any] = []
         recorded_ns: list[int] = []

@@ -15,7 +15,7 @@ from rosbags.interfaces import Connection
 from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.any_bag import is_latched, type_hash
+from tel_ros.recording.any_bag import is_latched, reading, type_hash
 
 PREFIX = "/replay"
 """Put before the names of all topics: an arm, and whatever drives one, may be listening to the recorded ones.
@@ -88,7 +88,7 @@ class Replay:
         if not reader.is2:
             raise BagError(bag, "is a bag of ROS 1", "a rosbag2 (rosbags-convert makes one of it)")
         chosen = _chosen(bag, [c for c in reader.connections if c.msgcount], options.patterns)
-        self._reader = reader
+        self._bag, self._reader = bag, reader
         self.start_ns = reader.start_time + round(options.start_offset_s * NS_PER_S)
         """Time in the bag at which the replay begins."""
         self.end_ns = reader.end_time
@@ -115,15 +115,18 @@ class Replay:
 
         Args:
             played: some of :attr:`topics`; at least one.
+
+        Raises:
+            BagError: the bag cannot be read on.
         """
         by_connection = {(t.connection.topic, t.connection.id): t for t in played}
         latched = [t.connection for t in played if t.latched]
         earlier = self._reader.messages(latched, stop=self.start_ns) if latched else iter(())
-        for connection, time_ns, raw in chain(
-            earlier, self._reader.messages([t.connection for t in played], start=self.start_ns)
-        ):
-            topic = by_connection[connection.topic, connection.id]
-            yield topic, max(time_ns, self.start_ns), bytes(raw)
+        from_here = self._reader.messages([t.connection for t in played], start=self.start_ns)
+        with reading(self._bag):  # what the consumer does wrong is not raised in here
+            for connection, time_ns, raw in chain(earlier, from_here):
+                topic = by_connection[connection.topic, connection.id]
+                yield topic, max(time_ns, self.start_ns), bytes(raw)
 
 
 class Pacer:

@@ -187,3 +187,11 @@ def test_a_replay_that_makes_no_sense_is_refused(arguments: tuple[str, ...], sai
     result = tel("replay", SAMPLE / "trial_002", *arguments)
     assert result.exit_code == 2
     assert said in result.stderr
+
+
+def test_a_bag_that_has_changed_is_not_played(make_run: MakeRun) -> None:
+    bag = make_run([Trial()]) / "trial_001"
+    sums = bag / "SHA256SUMS"
+    sums.write_text("0" * 64 + sums.read_text(encoding="utf-8")[64:], encoding="utf-8")
+    result = tel("replay", bag)
+    assert (result.exit_code, "has changed since it was recorded" in result.stderr) == (2, True)
