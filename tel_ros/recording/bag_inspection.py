@@ -23,7 +23,9 @@ from tel_ros.recording.trial_bag import check_sums
 
 STORAGE_OF = {".mcap": "mcap", ".db3": "sqlite3", ".bag": "rosbag1"}
 _RECOVERED = "recovered"
-"""Begins the names of what is stored with a bag that was put together from an unfinished one."""
+"""Begins the names of what is stored with a bag that was put together from an unfinished one; also the folder
+of a run in which such bags lie.
+"""
 
 
 class Wholeness(Enum):
@@ -151,9 +153,9 @@ def inspect_bag(bag: Path) -> InspectedBag:
 
 
 def bags_of_run(folder: Path) -> list[Path]:
-    """Return the bags in the folder of a run: those of its trials, then those that were never finished."""
-    places = (*sorted(folder.glob("trial_*")), *sorted((folder / UNFINISHED).glob("*")))
-    return [path for path in places if path.is_dir()]
+    """Return the bags in the folder of a run: of its trials, then the unfinished and the recovered ones."""
+    places = (folder.glob("trial_*"), (folder / UNFINISHED).glob("*"), (folder / _RECOVERED).glob("*"))
+    return [path for place in places for path in sorted(place) if path.is_dir()]
 
 
 def _files(bag: Path) -> list[Path]:

@@ -135,7 +135,12 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
         inspect_bag(tmp_path)
 
 
-def test_the_bags_of_a_run_are_its_trials_and_what_was_never_finished(tmp_path: Path) -> None:
-    for name in ("trial_002", "trial_001", "network", f"{UNFINISHED}/trial_003"):
+def test_the_bags_of_a_run_are_its_trials_and_what_was_never_finished_or_recovered(tmp_path: Path) -> None:
+    for name in ("trial_002", "trial_001", "network", "recovered/trial_003", f"{UNFINISHED}/trial_003"):
         (tmp_path / name).mkdir(parents=True)
-    assert [bag.name for bag in bags_of_run(tmp_path)] == ["trial_001", "trial_002", "trial_003"]
+    assert [bag.relative_to(tmp_path).as_posix() for bag in bags_of_run(tmp_path)] == [
+        "trial_001",
+        "trial_002",
+        f"{UNFINISHED}/trial_003",
+        "recovered/trial_003",
+    ]
