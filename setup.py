@@ -60,6 +60,7 @@ setup(
             "ros-jazzy-lifecycle-msgs",
             "ros-jazzy-rclpy",
             "ros-jazzy-rmw-fastrtps-cpp",
+            "ros-jazzy-rosgraph-msgs",
             "ros-jazzy-sensor-msgs",
             "ros-jazzy-std-msgs",
             "ros-jazzy-std-srvs",

@@ -11,6 +11,7 @@ import click
 from rich.console import Console
 
 from tel_ros import __version__
+from tel_ros.app.bag_command import bag
 from tel_ros.app.check_command import check
 from tel_ros.app.compare_command import compare
 from tel_ros.app.errors import (
@@ -22,6 +23,7 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
+from tel_ros.app.replay_command import replay
 from tel_ros.app.sweep_command import sweep
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
@@ -41,6 +43,8 @@ def main() -> None:
     tel report bags/RUN                 its report, again
     tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
     tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
+    tel bag info bags/RUN/trial_001     what a bag holds, and whether it is whole; tel bag plot draws it
+    tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
@@ -109,8 +113,10 @@ def practice(
         end(f"{result.message}{_left(folder)}", EXIT_NOT_COMPLETED)
 
 
+main.add_command(bag)
 main.add_command(check)
 main.add_command(compare)
+main.add_command(replay)
 main.add_command(sweep)
 
 

@@ -92,7 +92,7 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
             axis.set_major_locator(MultipleLocator(tick_m))
     all_axes[0].set_ylabel(labels[1])
     handles = [
-        Line2D([], [], color=INK, linestyle=_DOTS, linewidth=1.0, label="desired"),
+        Line2D([], [], color=INK, linestyle=DOTS, linewidth=1.0, label="desired"),
         Line2D([], [], color=BLUE, linewidth=1.0, label="actual"),
         Line2D([], [], color=GREY, linewidth=1.4, label="equilibrium point (EP)"),
         Line2D([], [], **_START, label="start"),
@@ -123,7 +123,8 @@ def legend_below(
         )
 
 
-_DOTS = (0, (1.0, 2.0))
+DOTS = (0, (1.0, 2.0))
+"""Of what is desired."""
 _START: dict[str, Any] = {
     "marker": "o",
     "markersize": 5.0,
@@ -151,7 +152,7 @@ def _tick_distance(extent_m: FloatArray) -> float:
 def _draw_path(axes: Axes, panel: PathPanel) -> None:
     axes.plot(*panel.equilibrium_m.T, color=GREY, linewidth=1.4)
     axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
-    axes.plot(*panel.desired_m.T, color=INK, linestyle=_DOTS, linewidth=1.0, dash_capstyle="butt")
+    axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
     axes.plot(*panel.actual_m[0], **_START)
     if not panel.completed:
         axes.plot(*panel.actual_m[-1], **_BROKEN_OFF)
@@ -173,8 +174,8 @@ def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm:
             time, effort_nm = _movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
             axes.plot(time, effort_nm, color=colour, linewidth=0.9)
             saturated = trial.recorded.saturated[trial.recorded.run, joint]
-            clipped |= _mark_saturated(axes, time, effort_nm, saturated)
-        limited |= _draw_limit(axes, limits_nm[joint])
+            clipped |= mark_saturated(axes, time, effort_nm, saturated)
+        limited |= draw_limit(axes, limits_nm[joint])
         axes.set_ylabel("torque [N·m]")
     handles = _trial_handles(drawn)
     if limited:
@@ -280,7 +281,7 @@ def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
     ]
 
 
-def _mark_saturated(axes: Axes, time: FloatArray, effort_nm: FloatArray, saturated: BoolArray) -> bool:
+def mark_saturated(axes: Axes, time: FloatArray, effort_nm: FloatArray, saturated: BoolArray) -> bool:
     """Lay a broad band over the samples that were clipped; return whether there were any."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], saturated, [False]]).astype(int)))
     if not len(edges):
@@ -295,7 +296,7 @@ def _mark_saturated(axes: Axes, time: FloatArray, effort_nm: FloatArray, saturat
     return True
 
 
-def _draw_limit(axes: Axes, limit_nm: float) -> bool:
+def draw_limit(axes: Axes, limit_nm: float) -> bool:
     """Draw the effort limit, or only name it if the curves would be flat beside it; return which."""
     low, high = axes.get_ylim()
     if max(-low, high) < _VISIBLE_SHARE * limit_nm:

@@ -17,6 +17,7 @@ from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE,
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
 
 if TYPE_CHECKING:
+    import jinja2
     from matplotlib.figure import Figure
 
 FIGURE_FOLDER = "figures"
@@ -53,31 +54,37 @@ def write_report(folder: Path) -> Path:
         TelError: a library that reports need is not installed.
     """
     try:
-        import jinja2
+        import jinja2  # noqa: F401
         import matplotlib  # noqa: F401 - only to know whether it is there
     except ModuleNotFoundError as error:
         raise TelError(
             f"a report needs {error.name}, which is not installed: pip install 'tel_ros[report]'"
         ) from error
     run = read_run(folder)
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     file = folder / REPORT_FILE
     try:
         theory = run_theory(run)
         content = _content(run, theory, _figures(run) | {"theory": _theory_figure(run, theory)})
-        page = environment.get_template(_TEMPLATE).render(content, text=report_text)
+        page = page_environment().get_template(_TEMPLATE).render(content, text=report_text)
         write_atomically(file, page + "\n")
     except OSError as error:
         raise InputFileError(
             error.filename or folder, f"cannot be written ({error.strerror})", "room for a report"
         ) from error
     return file
+
+
+def page_environment() -> jinja2.Environment:
+    """Return what renders pages from the templates beside this module."""
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def _content(run: RunData, theory: RunTheory, figures: dict[str, ReportFigure]) -> dict[str, Any]:

@@ -100,7 +100,7 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """
     file = folder / SUMMARY_FILE
     try:
-        write_atomically(file, json.dumps(_json_ready(summary), indent=2) + "\n")
+        write_atomically(file, json.dumps(json_ready(summary), indent=2) + "\n")
     except OSError as error:
         raise InputFileError(file, f"cannot be written ({error})", "room on the disk") from error
 
@@ -131,11 +131,12 @@ def write_atomically(path: Path, text: str) -> None:
     beside.replace(path)
 
 
-def _json_ready(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
+    """Return a value with null in place of every number that is not finite: JSON knows none of those."""
     if isinstance(value, dict):
-        return {key: _json_ready(item) for key, item in value.items()}
+        return {key: json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_json_ready(item) for item in value]
+        return [json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

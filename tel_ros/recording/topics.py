@@ -22,6 +22,8 @@ SAFETY_RESET = "/safety/reset"
 """std_srvs/Trigger: refused while the arm moves."""
 SAFETY_STOPPED = "/safety/stopped"
 """std_msgs/Bool, latched: whether an emergency stop waits for its reset."""
+CLOCK = "/clock"
+"""rosgraph_msgs/Clock: the time of a replay, for nodes that go by it (``use_sim_time``)."""
 DIAGNOSTICS = "/diagnostics"
 """diagnostic_msgs/DiagnosticArray, as everywhere in ROS."""
 

@@ -130,7 +130,7 @@ def check_bag(bag: Path) -> None:
 def _opened(bag: Path) -> Iterator[AnyReader]:
     """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError."""
     try:
-        _check_sums(bag)
+        check_sums(bag)
         with AnyReader([bag]) as reader:
             yield reader
     except BagError:
@@ -140,7 +140,7 @@ def _opened(bag: Path) -> Iterator[AnyReader]:
         raise BagError(bag, found, "a closed rosbag2 folder of a trial") from error
 
 
-def _check_sums(bag: Path) -> None:
+def check_sums(bag: Path) -> None:
     """Raise BagError if a data file is not as it was recorded. Bags of other recorders come without sums."""
     if not (bag / CHECKSUMS).is_file():
         return

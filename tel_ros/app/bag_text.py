@@ -1,0 +1,119 @@
+"""What ``tel bag info`` says, for people and for scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from tel_ros.app.report_text import seconds, significant
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.bag_inspection import InspectedBag, InspectedTrial
+from tel_ros.recording.run_folder import json_ready
+
+_TIMES_OF_DAY_NS = 1_000_000_000 * NS_PER_S
+"""Stamps from here on (September 2001) are times of day; simulated time begins at zero."""
+_LONG = ("config",)
+"""Stored texts that are shown by their length."""
+
+
+def plain(bag: InspectedBag) -> dict[str, Any]:
+    """Return everything as dictionaries, lists and scalars that JSON knows; null where there is no number."""
+    values = asdict(bag) | {
+        "path": str(bag.path),
+        "wholeness": bag.wholeness.name.lower(),
+        "is_good": bag.wholeness.is_good,
+        "n_messages": bag.n_messages,
+    }
+    ready: dict[str, Any] = json_ready(values)
+    return ready
+
+
+def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
+    """Yield heading and text of what goes above the table."""
+    yield "bag", str(bag.path)
+    yield "state", bag.wholeness.value + (f" ({bag.problem})" if bag.problem else "")
+    version = "" if bag.version is None else f", rosbag2 version {bag.version}"
+    each = f", {bag.size_bytes / bag.n_messages:.0f} bytes a message" if bag.n_messages else ""
+    yield "storage", f"{bag.storage or 'unknown'}{version}, {size(bag.size_bytes)}{each}"
+    if bag.n_messages:
+        yield "time", f"{bag.duration_s:.3f} s from {moment(bag.start_ns)}"
+    if bag.trial is not None:
+        yield "trial", trial_text(bag.trial)
+        yield "joints", ", ".join(bag.trial.joints)
+    versions = [
+        f"{key.removeprefix('version.')} {value}"
+        for key, value in sorted(bag.metadata.items())
+        if key.startswith("version.")
+    ]
+    for key, value in sorted(bag.metadata.items()):
+        if not key.startswith("version."):
+            shown = f"{len(value.splitlines())} lines (--json shows them)" if key in _LONG else value
+            yield key, shown
+    if versions:
+        yield "versions", ", ".join(versions)
+
+
+def topic_table(bag: InspectedBag) -> Table:
+    """Return one row a topic."""
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("topic", overflow="fold")
+    table.add_column("type", overflow="fold")
+    for heading in ("messages", "rate Hz", "longest gap s"):
+        table.add_column(heading, justify="right")
+    for topic in bag.topics:
+        count = str(topic.found) if topic.found == topic.announced else f"{topic.found} of {topic.announced}"
+        table.add_row(
+            topic.name, topic.msgtype, count, significant(topic.rate_hz), significant(topic.longest_gap_s)
+        )
+    return table
+
+
+def run_table(bags: Sequence[InspectedBag]) -> Table:
+    """Return one row a bag."""
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("bag")
+    table.add_column("state")
+    for heading in ("messages", "size", "recorded", "trial"):
+        table.add_column(heading, justify="right")
+    table.add_column("outcome", overflow="fold")
+    table.add_column("RMS error rad", justify="right")
+    for bag in bags:
+        trial = bag.trial
+        table.add_row(
+            bag.path.name,
+            bag.wholeness.name.lower(),
+            str(bag.n_messages),
+            size(bag.size_bytes),
+            f"{bag.duration_s:.3f} s",
+            f"{trial.index}" if trial else "–",
+            trial.outcome if trial else "–",
+            significant(trial.rms_error_rad) if trial else "–",
+        )
+    return table
+
+
+def trial_text(trial: InspectedTrial) -> str:
+    """Return a line about a trial."""
+    why = f" ({trial.message})" if trial.message else ""
+    return (
+        f"{trial.index}, {trial.outcome}{why}: {seconds(trial.duration_s)}, α {significant(trial.alpha)}, "
+        f"RMS error {significant(trial.rms_error_rad)} rad, at most {significant(trial.max_error_rad)} rad, "
+        f"{trial.ticks} ticks"
+    )
+
+
+def size(n_bytes: int) -> str:
+    """Return a size of files for people."""
+    return f"{n_bytes / 1e6:.2f} MB" if n_bytes >= 1e6 else f"{n_bytes / 1e3:.1f} kB"
+
+
+def moment(time_ns: int) -> str:
+    """Return a time of day, or a time of simulation as it is."""
+    if time_ns < _TIMES_OF_DAY_NS:
+        return f"{time_ns / NS_PER_S:.3f} s (no time of day: that of a simulation)"
+    return f"{datetime.fromtimestamp(time_ns / NS_PER_S, UTC):%Y-%m-%d %H:%M:%S} UTC"

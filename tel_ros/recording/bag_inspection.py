@@ -1,0 +1,253 @@
+"""What a bag holds, and whether it is whole: a trial's, or anybody's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+
+from tel_ros.core.control.records import Outcome
+from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording import topics
+from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag, reading
+from tel_ros.recording.bag_writer import CHECKSUMS, UNFINISHED
+from tel_ros.recording.trial_bag import check_sums
+
+STORAGE_OF = {".mcap": "mcap", ".db3": "sqlite3", ".bag": "rosbag1"}
+_RECOVERED = "recovered"
+"""Begins the names of what is stored with a bag that was put together from an unfinished one; also the folder
+of a run in which such bags lie.
+"""
+
+
+class Wholeness(Enum):
+    """Whether a bag is what was recorded; the value says so to people."""
+
+    WHOLE = "whole: its data are as they were recorded"
+    COMPLETE = "complete: all messages are there; without checksums nobody knows whether they have changed"
+    RECOVERED = "recovered from an unfinished recording: its end is missing"
+    UNFINISHED = "unfinished: it was never closed"
+    BROKEN = "broken"
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing is missing and nothing known to be wrong."""
+        return self in (Wholeness.WHOLE, Wholeness.COMPLETE)
+
+
+@dataclass(frozen=True)
+class InspectedTopic:
+    """A topic of a bag.
+
+    Args:
+        name: of the topic.
+        msgtype: of its messages.
+        announced: messages that the bag says it holds.
+        found: messages that can be read.
+        rate_hz: between the first and the last message; NaN for fewer than two.
+        longest_gap_s: between two messages; NaN for fewer than two.
+        latched: whether a replay keeps its newest message for those who come late.
+    """
+
+    name: str
+    msgtype: str
+    announced: int
+    found: int
+    rate_hz: float
+    longest_gap_s: float
+    latched: bool
+
+
+@dataclass(frozen=True)
+class InspectedTrial:
+    """What the trial of a bag came to; fields as in ``TrialResult``."""
+
+    index: int
+    outcome: str
+    message: str
+    alpha: float
+    duration_s: float
+    joints: tuple[str, ...]
+    ticks: int
+    rms_error_rad: float
+    max_error_rad: float
+
+
+@dataclass(frozen=True)
+class InspectedBag:
+    """Everything that is to be said about a bag.
+
+    Args:
+        path: of the bag.
+        wholeness: whether it is what was recorded.
+        problem: what is wrong with it, in words; empty: nothing.
+        storage: ``mcap``, ``sqlite3`` or ``rosbag1``.
+        version: of the rosbag2 metadata; None: there are none.
+        size_bytes: of all its files.
+        start_ns: time of its first message.
+        duration_s: from the first message to the last.
+        topics: sorted by name.
+        trial: if it is that of a trial, and can be read.
+        metadata: what was stored beside the messages.
+    """
+
+    path: Path
+    wholeness: Wholeness
+    problem: str = ""
+    storage: str = ""
+    version: int | None = None
+    size_bytes: int = 0
+    start_ns: int = 0
+    duration_s: float = 0.0
+    topics: tuple[InspectedTopic, ...] = ()
+    trial: InspectedTrial | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def n_messages(self) -> int:
+        """Messages that can be read."""
+        return sum(topic.found for topic in self.topics)
+
+
+def inspect_bag(bag: Path) -> InspectedBag:
+    """Read all of a bag and tell what there is; what is wrong with it is told, not raised.
+
+    Raises:
+        BagError: it is no bag at all.
+    """
+    files = _files(bag)
+    storages = [STORAGE_OF[file.suffix] for file in files if file.suffix in STORAGE_OF]
+    if not storages and not (bag / METADATA_FILE).is_file():
+        expected = "a rosbag2 folder, or an .mcap, .db3 or .bag file"
+        raise BagError(bag, "holds no bag" if bag.exists() else "there is no such bag", expected)
+    size = sum(file.stat().st_size for file in files)
+    known: dict[str, Any] = {"path": bag, "storage": storages[0] if storages else "", "size_bytes": size}
+    if bag.is_dir() and not (bag / METADATA_FILE).is_file():
+        found = f"it has no {METADATA_FILE}; `tel bag recover` takes out what can be read"
+        return InspectedBag(wholeness=Wholeness.UNFINISHED, problem=found, **known)
+    known["version"], known["metadata"] = _stored(bag)
+    try:
+        with open_any_bag(bag) as reader, reading(bag):
+            start_ns, duration_s, found_topics = _topics(reader)
+            trial = _trial(reader)
+    except BagError as error:
+        return InspectedBag(wholeness=Wholeness.BROKEN, problem=error.found, **known)
+    wholeness, problem = _wholeness(bag, found_topics, known["metadata"])
+    return InspectedBag(
+        wholeness=wholeness,
+        problem=problem,
+        start_ns=start_ns,
+        duration_s=duration_s,
+        topics=found_topics,
+        trial=trial,
+        **known,
+    )
+
+
+def bags_of_run(folder: Path) -> list[Path]:
+    """Return the bags in the folder of a run: of its trials, then the unfinished and the recovered ones."""
+    places = (folder.glob("trial_*"), (folder / UNFINISHED).glob("*"), (folder / _RECOVERED).glob("*"))
+    return [path for place in places for path in sorted(place) if path.is_dir()]
+
+
+def _files(bag: Path) -> list[Path]:
+    return sorted(file for file in bag.iterdir() if file.is_file()) if bag.is_dir() else [bag]
+
+
+def _stored(bag: Path) -> tuple[int | None, dict[str, str]]:
+    """Return version and custom data of a bag's metadata, as far as they are readable: opening says more."""
+    try:
+        text = (bag / METADATA_FILE).read_text(encoding="utf-8")
+        information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        return int(information["version"]), dict(information.get("custom_data") or {})
+    except (OSError, yaml.YAMLError, ValueError, KeyError, TypeError):
+        return None, {}
+
+
+def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
+    """Return time of the first message, duration, and what there is of each topic."""
+    first: dict[tuple[str, int], int] = {}
+    last: dict[tuple[str, int], int] = {}
+    found: dict[tuple[str, int], int] = {}
+    gap: dict[tuple[str, int], int] = {}
+    for connection, time_ns, _ in reader.messages():
+        key = _key(connection)
+        if key in last:
+            gap[key] = max(gap.get(key, 0), time_ns - last[key])
+        first.setdefault(key, time_ns)
+        last[key] = time_ns
+        found[key] = found.get(key, 0) + 1
+    inspected = []
+    for connection in sorted(reader.connections, key=_key):
+        key = _key(connection)
+        n = found.get(key, 0)
+        span_s = (last.get(key, 0) - first.get(key, 0)) / NS_PER_S
+        inspected.append(
+            InspectedTopic(
+                name=connection.topic,
+                msgtype=connection.msgtype,
+                announced=connection.msgcount,
+                found=n,
+                rate_hz=(n - 1) / span_s if span_s > 0.0 else math.nan,
+                longest_gap_s=gap[key] / NS_PER_S if key in gap else math.nan,
+                latched=is_latched(connection),
+            )
+        )
+    start_ns = min(first.values(), default=0)
+    return start_ns, (max(last.values(), default=0) - start_ns) / NS_PER_S, tuple(inspected)
+
+
+def _key(connection: Connection) -> tuple[str, int]:
+    return connection.topic, connection.id
+
+
+def _trial(reader: AnyReader) -> InspectedTrial | None:
+    """Return what the result of a trial says, if the bag has exactly one that can be read."""
+    connections = [c for c in reader.connections if c.topic == topics.TRIAL_RESULT and c.msgcount]
+    if not connections:
+        return None
+    results: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+    if len(results) != 1:
+        return None
+    result = results[0]
+    try:
+        return InspectedTrial(
+            index=int(result.index),
+            outcome=Outcome(result.outcome).name.lower(),
+            message=str(result.message),
+            alpha=float(result.alpha),
+            duration_s=float(result.duration_s),
+            joints=tuple(result.joint_names),
+            ticks=int(result.ticks),
+            rms_error_rad=float(result.rms_error_rad),
+            max_error_rad=float(result.max_error_rad),
+        )
+    except (AttributeError, ValueError):
+        return None  # somebody else's topic of that name
+
+
+def _wholeness(
+    bag: Path, found: tuple[InspectedTopic, ...], metadata: Mapping[str, str]
+) -> tuple[Wholeness, str]:
+    short = [topic for topic in found if topic.found != topic.announced]
+    if short:
+        said = ", ".join(f"{t.found} messages of {t.name} instead of {t.announced}" for t in short)
+        return Wholeness.BROKEN, f"it yields {said}"
+    try:
+        check_sums(bag)
+    except (TelError, OSError, ValueError) as error:
+        return Wholeness.BROKEN, getattr(error, "found", f"{CHECKSUMS} cannot be used ({error})")
+    recovered = {key: value for key, value in metadata.items() if key.startswith(_RECOVERED)}
+    if recovered:
+        return Wholeness.RECOVERED, "; ".join(f"{key}: {value}" for key, value in recovered.items())
+    if bag.absolute().parent.name == UNFINISHED:
+        return Wholeness.UNFINISHED, "it was given up, and lies where unfinished bags lie"
+    return (Wholeness.WHOLE if (bag / CHECKSUMS).is_file() else Wholeness.COMPLETE), ""

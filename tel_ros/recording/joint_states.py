@@ -1,0 +1,99 @@
+"""Joint states as arrays, from a bag of whatever arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+
+from tel_ros.core.errors import BagError
+from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.recording.any_bag import open_any_bag, reading
+
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@dataclass(frozen=True)
+class RecordedStates:
+    """Joint states, one row a message; NaN where a message does not tell.
+
+    Args:
+        topic: that they come from.
+        joints: names, in the order in which they first appear.
+        time_s: since the first message, by the headers' stamps if these go forward, else by the time of
+            recording. Shape (n,).
+        position_rad: shape (n, n_joints).
+        velocity_rad_s: shape (n, n_joints).
+        effort_nm: shape (n, n_joints).
+    """
+
+    topic: str
+    joints: tuple[str, ...]
+    time_s: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+
+
+def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
+    """Read all joint states of one topic.
+
+    Args:
+        bag: rosbag1 or rosbag2.
+        topic: empty: the only one of that type.
+
+    Raises:
+        BagError: the bag cannot be read, has no such topic, or several to choose from.
+    """
+    with open_any_bag(bag) as reader, reading(bag):
+        connections = _connections(bag, reader, topic)
+        messages: list[Any] = []
+        recorded_ns: list[int] = []
+        for connection, time_ns, raw in reader.messages(connections):
+            messages.append(reader.deserialize(raw, connection.msgtype))
+            recorded_ns.append(time_ns)
+        if not messages:
+            raise BagError(bag, f"yields no message of {connections[0].topic}", "joint states")
+    joints = tuple(dict.fromkeys(name for message in messages for name in message.name))
+    if not joints:
+        raise BagError(bag, f"names no joint in {connections[0].topic}", "joint states with names")
+    stamps_ns = [m.header.stamp.sec * NS_PER_S + m.header.stamp.nanosec for m in messages]
+    moments_ns = np.array(stamps_ns if _goes_forward(stamps_ns) else recorded_ns, dtype=np.int64)
+    return RecordedStates(
+        connections[0].topic,
+        joints,
+        (moments_ns - moments_ns[0]) / NS_PER_S,
+        _field(messages, joints, "position"),
+        _field(messages, joints, "velocity"),
+        _field(messages, joints, "effort"),
+    )
+
+
+def _connections(bag: Path, reader: AnyReader, topic: str) -> list[Connection]:
+    of_states = [c for c in reader.connections if c.msgtype == _JOINT_STATE and c.msgcount]
+    names = sorted({connection.topic for connection in of_states})
+    listed = ", ".join(names) or "none"
+    if topic and topic not in names:
+        raise BagError(bag, f"has no joint states on {topic}", f"one of its topics of that type: {listed}")
+    if not topic and len(names) != 1:
+        raise BagError(bag, f"has these topics of joint states: {listed}", "one, or the option --topic")
+    return [connection for connection in of_states if connection.topic == (topic or names[0])]
+
+
+def _goes_forward(stamps_ns: Sequence[int]) -> bool:
+    return all(later > earlier for earlier, later in zip(stamps_ns, stamps_ns[1:], strict=False))
+
+
+def _field(messages: Sequence[Any], joints: tuple[str, ...], name: str) -> FloatArray:
+    column = {joint: place for place, joint in enumerate(joints)}
+    values = np.full((len(messages), len(joints)), np.nan)
+    for row, message in zip(values, messages, strict=True):
+        field = getattr(message, name)
+        if len(field) == len(message.name):  # empty where the arm does not tell
+            row[[column[joint] for joint in message.name]] = field
+    return values

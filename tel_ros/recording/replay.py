@@ -1,0 +1,204 @@
+"""What a replay publishes, under which names and when: no graph and no clock in here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import chain
+from pathlib import Path
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+
+from tel_ros.core.errors import BagError, ConfigError
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording import topics
+from tel_ros.recording.any_bag import is_latched, reading, type_hash
+
+PREFIX = "/replay"
+"""Put before the names of all topics: an arm, and whatever drives one, may be listening to the recorded ones.
+
+It is not to be chosen: with another one, some name could become that of a topic that moves an arm.
+"""
+STANDSTILL_S = 1.0
+"""A replay that is late by more than this does not hurry after its schedule, the schedule waits for it."""
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """How to play a bag.
+
+    Args:
+        rate: seconds of the bag in a second.
+        start_offset_s: where in the bag to begin.
+        patterns: topics to play, as names or with ``*``, ``?`` and ``[…]``; empty: all.
+        states_to_nodes: whether the recorded joint states get the name that live nodes listen to.
+
+    Raises:
+        ConfigError: a value that makes no sense.
+    """
+
+    rate: float = 1.0
+    start_offset_s: float = 0.0
+    patterns: tuple[str, ...] = ()
+    states_to_nodes: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate < math.inf:
+            raise ConfigError("rate", self.rate, "a finite number above 0")
+        if not 0.0 <= self.start_offset_s < math.inf:
+            raise ConfigError("start-offset", self.start_offset_s, "a finite time in s, 0 or more")
+
+
+@dataclass(frozen=True)
+class ReplayedTopic:
+    """A topic of a bag, and what becomes of it.
+
+    Args:
+        connection: in the bag.
+        name: under which it is published.
+        latched: whether who comes late still gets its newest message.
+        type_hash: of its type as the bag defines it (RIHS01); empty if nobody knows.
+    """
+
+    connection: Connection
+    name: str
+    latched: bool
+    type_hash: str
+
+
+class Replay:
+    """A bag with what is to be played of it.
+
+    Args:
+        bag: for messages to people.
+        reader: of the open bag.
+        options: how to play.
+
+    Raises:
+        BagError: a bag of ROS 1, an empty one, one without a topic that was asked for, or, where joint states
+            are to go to the nodes, without or with several topics of them.
+        ConfigError: it is shorter than the offset.
+    """
+
+    def __init__(self, bag: Path, reader: AnyReader, options: ReplayOptions) -> None:
+        if not reader.is2:
+            raise BagError(bag, "is a bag of ROS 1", "a rosbag2 (rosbags-convert makes one of it)")
+        chosen = _chosen(bag, [c for c in reader.connections if c.msgcount], options.patterns)
+        self._bag, self._reader = bag, reader
+        self.start_ns = reader.start_time + round(options.start_offset_s * NS_PER_S)
+        """Time in the bag at which the replay begins."""
+        self.end_ns = reader.end_time
+        """Time in the bag at which it is over."""
+        if self.start_ns >= self.end_ns:
+            length_s = (self.end_ns - reader.start_time) / NS_PER_S
+            raise ConfigError("start-offset", options.start_offset_s, f"less than the bag's {length_s:.3f} s")
+        states = _states(bag, chosen) if options.states_to_nodes else None
+        self.topics = tuple(
+            ReplayedTopic(
+                connection,
+                topics.JOINT_STATES if connection is states else PREFIX + _absolute(connection.topic),
+                is_latched(connection),
+                type_hash(reader, connection),
+            )
+            for connection in chosen
+        )
+        """What is played."""
+
+    def messages(self, played: Sequence[ReplayedTopic]) -> Iterator[tuple[ReplayedTopic, int, bytes]]:
+        """Yield topic, time in the bag in ns and serialised message, in the order of time.
+
+        What is latched and older than the beginning comes at the beginning: it held there.
+
+        Args:
+            played: some of :attr:`topics`; at least one.
+
+        Raises:
+            BagError: the bag cannot be read on.
+        """
+        by_connection = {(t.connection.topic, t.connection.id): t for t in played}
+        latched = [t.connection for t in played if t.latched]
+        earlier = self._reader.messages(latched, stop=self.start_ns) if latched else iter(())
+        from_here = self._reader.messages([t.connection for t in played], start=self.start_ns)
+        with reading(self._bag):  # what the consumer does wrong is not raised in here
+            for connection, time_ns, raw in chain(earlier, from_here):
+                topic = by_connection[connection.topic, connection.id]
+                yield topic, max(time_ns, self.start_ns), bytes(raw)
+
+
+class Pacer:
+    """Tells when messages are due: absolute deadlines, so that lateness does not add up.
+
+    Args:
+        rate: seconds of the bag in a second.
+        start_ns: time in the bag that is due at once.
+        now_s: the time, by any clock that only goes forward.
+    """
+
+    def __init__(self, rate: float, start_ns: int, now_s: float) -> None:
+        self._rate, self._start_ns, self._start_s = rate, start_ns, now_s
+        self._paused_s: float | None = None
+        self.stood_still_s = 0.0
+        """How long the schedule has waited for a replay that was held up."""
+        self.most_late_s = 0.0
+        """Largest lateness that the schedule did not wait for."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+        return self._paused_s is not None
+
+    def pause(self, now_s: float) -> None:
+        """Let time stand still."""
+        if self._paused_s is None:
+            self._paused_s = now_s
+
+    def resume(self, now_s: float) -> None:
+        """Let time go on where it stopped."""
+        if self._paused_s is not None:
+            self._start_s += now_s - self._paused_s
+            self._paused_s = None
+
+    def due_s(self, time_ns: int) -> float:
+        """Return when a time in the bag is due."""
+        return self._start_s + (time_ns - self._start_ns) / NS_PER_S / self._rate
+
+    def bag_ns(self, now_s: float) -> int:
+        """Return the time in the bag."""
+        elapsed_s = (now_s if self._paused_s is None else self._paused_s) - self._start_s
+        return self._start_ns + round(elapsed_s * self._rate * NS_PER_S)
+
+    def late(self, time_ns: int, now_s: float) -> None:
+        """Take note of when something was done; after a standstill the schedule goes on from there."""
+        late_s = now_s - self.due_s(time_ns)
+        if late_s > STANDSTILL_S:
+            self._start_s += late_s
+            self.stood_still_s += late_s
+        else:
+            self.most_late_s = max(self.most_late_s, late_s)
+
+
+def _absolute(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _chosen(bag: Path, connections: Sequence[Connection], patterns: Sequence[str]) -> list[Connection]:
+    names = sorted({connection.topic for connection in connections})
+    if not names:
+        raise BagError(bag, "holds no message", "a bag with messages")
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise BagError(bag, f"has no topic {pattern} with messages", f"some of {', '.join(names)}")
+    return [c for c in connections if not patterns or any(fnmatchcase(c.topic, p) for p in patterns)]
+
+
+def _states(bag: Path, chosen: Sequence[Connection]) -> Connection:
+    found = [connection for connection in chosen if connection.msgtype == _JOINT_STATE]
+    if len(found) != 1:
+        names = ", ".join(connection.topic for connection in found) or "none"
+        expected = "exactly one topic for the nodes (choose it with --topics)"
+        raise BagError(bag, f"has these topics of joint states: {names}", expected)
+    return found[0]
