@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 import signal
 import subprocess
 import sys
@@ -31,7 +29,6 @@ OURS = (
     "position drives in lockstep",
     "fake arm",
 )
-_DOMAINS = itertools.count(os.getpid())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -48,7 +45,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture(scope="module")
-def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ArmUnderTest]:
+def arm(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, ros_domains: Iterator[int]
+) -> Iterator[ArmUnderTest]:
     """Return a running arm; one that is ours has a ROS domain of its own."""
     if request.param not in OURS:
         config = load_config(request.param)
@@ -57,7 +56,7 @@ def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
             yield running
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(1 + next(_DOMAINS) % 100))
+        patch.setenv("ROS_DOMAIN_ID", str(next(ros_domains)))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         interface = "position" if "position" in request.param else "effort"
         overrides = [f"control.rate_hz={RATE_HZ}", f"arm.command_interface={interface}"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,13 +10,11 @@ from graph_harness import PAPER, Graph, TelProcess
 
 from tel_ros.recording.config_file import load_config
 
-_DOMAINS = itertools.count(os.getpid())
-
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain(monkeypatch: pytest.MonkeyPatch, ros_domains: Iterator[int]) -> int:
     """Give the test a ROS domain that no other test has used."""
-    number = 1 + next(_DOMAINS) % 100
+    number = next(ros_domains)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return number
