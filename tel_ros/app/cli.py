@@ -22,6 +22,8 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
+from tel_ros.app.import_command import import_recordings
+from tel_ros.app.predict_command import predict
 from tel_ros.app.sweep_command import sweep
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
@@ -42,6 +44,8 @@ def main() -> None:
     tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
     tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
+    tel import SOURCE … --out NET       learn torques from recordings of any arm
+    tel predict NET TRAJECTORY          the torques that a movement takes, and how sure they are
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, 130 interrupted.
@@ -111,6 +115,8 @@ def practice(
 
 main.add_command(check)
 main.add_command(compare)
+main.add_command(import_recordings)
+main.add_command(predict)
 main.add_command(sweep)
 
 

@@ -3,7 +3,8 @@
 Format ``tel_ros network 2``: a NumPy ``.npz`` archive (no pickles) with
 
 - ``header``: JSON text with ``format``, ``learner`` (its name), ``context`` (joints, K, B, the learner's
-  configuration, seed, URDF) and ``state`` (what else the learner has to say, by its own rules);
+  configuration, seed, URDF; ``predicts`` if that is torque) and ``state`` (what else the learner has to say,
+  by its own rules);
 - ``input_low``, ``input_high``: ranges of the 3 * n_joints inputs, shape (3 * n_joints,);
 - ``state_…``: the learner's arrays. For trees: for each joint j ``state_weights_j``, shape (1 + subtrees,
   3 * n_joints, gaussians), and ``state_parents_j``, shape (subtrees, 3): subtree, input and Gaussian that
@@ -19,18 +20,20 @@ import json
 import math
 import os
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner
+from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
 from tel_ros.recording.learners import learner_kind
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
 _STATE = "state_"
+_USUAL: Predicts = "equilibrium"
 
 
 def revision(learner: Learner) -> str:
@@ -88,6 +91,8 @@ def load_network(path: Path) -> Learner:
 
 def _header(learner: Learner, stored: StoredLearner) -> str:
     context = learner.context
+    # Named only where it differs, so that the files and revisions of practice stay what they are.
+    predicts = {} if context.predicts == _USUAL else {"predicts": context.predicts}
     return json.dumps(
         {
             "format": FORMAT,
@@ -99,6 +104,7 @@ def _header(learner: Learner, stored: StoredLearner) -> str:
                 "learning": dataclasses.asdict(context.learning),
                 "seed": context.seed,
                 "urdf": context.urdf,
+                **predicts,
             },
             "state": dict(stored.header),
         },
@@ -143,6 +149,11 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
         learning=LearningConfig(**described["learning"]),
         seed=int(described["seed"]),
         urdf=described["urdf"],
+        predicts=described.get("predicts", _USUAL),
     )
+    if context.predicts not in get_args(Predicts):
+        raise NetworkFileError(
+            path, f"predicts {context.predicts!r}", f"one of {', '.join(get_args(Predicts))}"
+        )
     state = {name.removeprefix(_STATE): array for name, array in arrays.items()}
     return learner_kind(header["learner"]).restored(context, StoredLearner(header["state"], state))
