@@ -1,4 +1,4 @@
-"""Recordings as other people make them: a seven-joint arm that moves, with encoders, noise and uneven stamps."""
+"""Recordings as other people make them: a moving seven-joint arm, with encoders, noise and uneven stamps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TORQUE_NOISE = 0.05
 VISCOUS_NMS_PER_RAD = (1.0, 1.0, 0.6, 0.6, 0.2, 0.2, 0.1)
 COULOMB_NM = (2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1)
 _N_SINES = 6
-_SLOWEST_HZ, _FASTEST_HZ = 0.05, 0.6
+_SLOWEST_HZ, FASTEST_HZ = 0.05, 0.6
 _AMPLITUDE_RAD = 0.6
 _MIDDLE_RAD = np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
 _RAMP_S = 1.0
@@ -74,8 +74,8 @@ class Record:
 def moved(duration_s: float, speed: float, seed: int) -> Motion:
     """Return a movement of all joints on sums of sines that never repeat, without noise.
 
-    The controller is given the exact inverse dynamics, so that the arm goes where it should at any speed; what
-    is recorded does not depend on that.
+    The controller is given the exact inverse dynamics, so that the arm goes where it should at any speed;
+    what is recorded does not depend on that.
 
     Args:
         duration_s: of it.
@@ -89,7 +89,7 @@ def moved(duration_s: float, speed: float, seed: int) -> Motion:
         viscous_friction_nms_per_rad=VISCOUS_NMS_PER_RAD,
         coulomb_friction_nm=COULOMB_NM,
     )
-    desired = _sines(duration_s, speed, np.random.default_rng(seed))
+    desired = sines(duration_s, speed, np.random.default_rng(seed))
     offset = ExactInverseDynamics(config, sim).predict(query_inputs(desired, 1.0 / CONTROL_HZ))
     equilibrium = desired.position_rad + offset
     stiffness, damping = np.array(config.arm.stiffness_nm_per_rad), np.array(config.arm.damping_nms_per_rad)
@@ -105,7 +105,9 @@ def moved(duration_s: float, speed: float, seed: int) -> Motion:
     return Motion(config.arm.joints, desired.time_s, position, velocity, effort)
 
 
-def recorded(motion: Motion, rate_hz: float, seed: int, *, jitter: float = 0.2, stamp_noise_s: float = 1e-4) -> Record:
+def recorded(
+    motion: Motion, rate_hz: float, seed: int, *, jitter: float = 0.2, stamp_noise_s: float = 1e-4
+) -> Record:
     """Return what a logger at another rate writes down.
 
     Args:
@@ -159,13 +161,11 @@ def write_bag(records: Sequence[Record], bag: Path, storage: StoragePlugin) -> N
                 writer.write(connection, stamp_ns, store.serialize_cdr(message, state.__msgtype__))
 
 
-def _sines(duration_s: float, speed: float, rng: np.random.Generator) -> DesiredTrajectory:
+def sines(duration_s: float, speed: float, rng: np.random.Generator) -> DesiredTrajectory:
     """Return sums of sines that grow from rest within a second."""
     time_s = np.arange(round(duration_s * CONTROL_HZ)) / CONTROL_HZ
     n_joints = len(_MIDDLE_RAD)
-    frequency_hz = speed * np.exp(
-        rng.uniform(np.log(_SLOWEST_HZ), np.log(_FASTEST_HZ), (n_joints, _N_SINES))
-    )
+    frequency_hz = speed * np.exp(rng.uniform(np.log(_SLOWEST_HZ), np.log(FASTEST_HZ), (n_joints, _N_SINES)))
     amplitude = rng.uniform(0.5, 1.0, (n_joints, _N_SINES)) * (_SLOWEST_HZ * speed / frequency_hz) ** 0.5
     amplitude *= _AMPLITUDE_RAD / amplitude.sum(axis=1, keepdims=True)
     omega, phase = 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi, (n_joints, _N_SINES))

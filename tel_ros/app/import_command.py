@@ -46,6 +46,13 @@ def import_options(function: F) -> F:
             show_default=True,
             help="How trees find their weights.",
         ),
+        click.option(
+            "--max-subtrees",
+            type=click.IntRange(min=0),
+            default=2,
+            show_default=True,
+            help="That grow for each joint; with many joints each of them costs much time.",
+        ),
     )
     for option in reversed(options):
         function = option(function)
@@ -64,6 +71,7 @@ def run_import(
     rate_hz: float | None,
     cutoff_hz: float | None,
     weights: Any,
+    max_subtrees: int,
 ) -> None:
     """Learn torque from recordings and say how good it is; end with exit code 2 if it cannot be done."""
     # Late: it takes half a second to import.
@@ -80,6 +88,7 @@ def run_import(
             rate_hz=rate_hz,
             cutoff_hz=cutoff_hz,
             weights=weights,
+            max_subtrees=max_subtrees,
         )
         report = import_and_train(request)
     except TelError as error:

@@ -36,6 +36,8 @@ class LearnerContext:
         urdf: text of the URDF; its kinematics can be trusted, its inertias need not be right. May be empty.
         predicts: ``equilibrium``: K and B are the springs of practice. ``torque``: there are no springs; the
             output is a torque in units of K, and B is 0.
+        std_factor: of a torque: how many times larger errors were, where they could be tested, than the
+            learner expected; one a joint. Empty: not known.
     """
 
     joints: tuple[str, ...]
@@ -46,6 +48,7 @@ class LearnerContext:
     seed: int
     urdf: str = ""
     predicts: Predicts = "equilibrium"
+    std_factor: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

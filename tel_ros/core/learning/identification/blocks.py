@@ -53,7 +53,7 @@ class Fold:
 
 def gap_s(parts: Sequence[TorqueSamples]) -> float:
     """Return how far apart in time samples to learn from and samples that are held out have to be."""
-    return max(_SHORTEST_GAP_S, *(_GAP_PERIODS / part.bandwidth_hz for part in parts))
+    return max([_SHORTEST_GAP_S, *(_GAP_PERIODS / part.bandwidth_hz for part in parts)])
 
 
 def blocks_of(parts: Sequence[TorqueSamples]) -> list[Block]:

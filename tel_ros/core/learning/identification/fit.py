@@ -14,8 +14,9 @@ from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.types import FloatArray
 
-NewLearner = Callable[[InputRange, FloatArray], Learner]
-"""From the ranges of the inputs and the unit of each torque [N·m] to an untrained learner of torque."""
+NewLearner = Callable[[InputRange, FloatArray, FloatArray], Learner]
+"""From the ranges of the inputs, and for each joint the unit of torque [N·m] and the factor on the standard
+deviation, to an untrained learner of torque."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class HeldOutError:
         nmse: mean square error over variance of the torque, per joint. Shape (n_joints,).
         rms_nm: shape (n_joints,).
         expected_rms_nm: what the learners' standard deviations made of it. Shape (n_joints,).
+        within_2_std: share of the errors within two standard deviations; 0.95 of a normal distribution.
         extrapolated: share of the samples that lay outside of what was learned from, or were uncertain.
         n_samples: that were predicted.
     """
@@ -33,8 +35,18 @@ class HeldOutError:
     nmse: FloatArray
     rms_nm: FloatArray
     expected_rms_nm: FloatArray
+    within_2_std: float
     extrapolated: float
     n_samples: int
+
+    @property
+    def std_factor(self) -> FloatArray:
+        """How many times larger errors were than expected; 1 where that is not known. Shape (n_joints,)."""
+        known = np.isfinite(self.expected_rms_nm) & (self.expected_rms_nm > 0.0) & (self.rms_nm > 0.0)
+        factor: FloatArray = np.divide(
+            self.rms_nm, self.expected_rms_nm, out=np.ones(len(known)), where=known
+        )
+        return factor
 
 
 @dataclass(frozen=True)
@@ -66,19 +78,19 @@ def fit_torque(parts: Sequence[TorqueSamples], new_learner: NewLearner) -> Fit:
     """
     blocks = blocks_of(parts)
     held_out = held_out_error([_asked(fold, new_learner) for fold in folds(parts, blocks)])
-    learner = learned(_cut(parts, blocks), new_learner)
+    learner = learned(_cut(parts, blocks), new_learner, held_out.std_factor)
     seconds = [(block.end - block.start) * parts[block.part].period_s for block in blocks]
     return Fit(learner, held_out, len(blocks), float(np.mean(seconds)))
 
 
-def learned(samples: Sequence[TorqueSamples], new_learner: NewLearner) -> Learner:
+def learned(samples: Sequence[TorqueSamples], new_learner: NewLearner, std_factor: FloatArray) -> Learner:
     """Return a learner that has learned from some samples, block by block.
 
     Raises:
         TrainingError: what was learned is not finite.
     """
     unit_nm = np.vstack([block.torque_nm for block in samples]).std(axis=0)
-    learner = new_learner(recorded_range(samples), unit_nm)
+    learner = new_learner(recorded_range(samples), unit_nm, std_factor)
     for block in samples:
         learner, _ = learner.trained_on(block.to_learn(unit_nm), "actual")
     return learner
@@ -99,13 +111,14 @@ def held_out_error(asked: Sequence[tuple[FloatArray, TorquePrediction]]) -> Held
         nmse=square / np.var(torque_nm, axis=0),
         rms_nm=np.sqrt(square),
         expected_rms_nm=np.sqrt(np.mean(std_nm**2, axis=0)),
+        within_2_std=float(np.mean(np.abs(error_nm) <= 2.0 * std_nm)),
         extrapolated=float(np.mean(extrapolated)),
         n_samples=len(torque_nm),
     )
 
 
 def _asked(fold: Fold, new_learner: NewLearner) -> tuple[FloatArray, TorquePrediction]:
-    learner = learned(fold.learned, new_learner)
+    learner = learned(fold.learned, new_learner, np.ones(fold.held_out[0].torque_nm.shape[1]))
     inputs = np.vstack([block.inputs for block in fold.held_out])
     return np.vstack([block.torque_nm for block in fold.held_out]), predict_torque(learner, inputs)
 

@@ -23,7 +23,8 @@ class TorquePrediction:
 
     Args:
         torque_nm: shape (n, n_joints).
-        std_nm: standard deviation of its error, inf where nothing is known. Shape (n, n_joints).
+        std_nm: standard deviation of its error, in the measure of those that were tested; inf where nothing
+            is known. Shape (n, n_joints).
         outside: which inputs are outside of what the learner was made for. Shape (n, 3 * n_joints).
         uncertain: where the standard deviation is near that of a guess. Shape (n, n_joints).
     """
@@ -58,6 +59,7 @@ def predict_torque(learner: Learner, inputs: FloatArray) -> TorquePrediction:
         [learner.std(inputs[k : k + _PORTION]) for k in range(0, len(inputs), _PORTION)]
         or [np.empty((0, n_joints))]
     )
+    std *= np.array(context.std_factor or (1.0,) * n_joints)
     allowed = UNCERTAIN if context.predicts == "torque" else np.finfo(np.float64).max
     range_ = context.input_range
     slack = _ROUNDING * (range_.high - range_.low)
