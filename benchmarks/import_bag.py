@@ -3,10 +3,10 @@
     .venv/bin/python benchmarks/import_bag.py [--quick]
 
 A seven-joint arm under gravity with dry friction moves for a minute in simulation, on sums of sines which
-never repeat. A bag of its joint states, with encoders, noisy efforts and uneven stamps, is imported like anyone's;
-the URDF has the right kinematics and wrong inertias. Then the network is asked about a movement 2.5 times as
-fast. Prints tables in Markdown, as they are in docs/imported-bags.md. CPU time is measured, so that it hardly
-depends on what else the machine does.
+never repeat. A bag of its joint states, with encoders, noisy efforts and uneven stamps, is imported as if it
+were anybody's; the URDF has the right kinematics and wrong inertias. Then the network is asked about a
+movement 2.5 times as fast. Prints tables in Markdown, as they are in docs/imported-bags.md. CPU time
+is measured, so that it depends less on what else the machine does.
 """
 
 from __future__ import annotations

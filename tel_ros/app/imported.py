@@ -27,7 +27,6 @@ from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.urdf import urdf_file
 
-MAX_SUBTREES = 2
 POOR_NMSE = 0.1
 _SEED = 1
 
@@ -58,7 +57,7 @@ class ImportRequest:
     rate_hz: float | None = None
     cutoff_hz: float | None = None
     weights: Literal["lms", "least_squares"] = "least_squares"
-    max_subtrees: int = MAX_SUBTREES
+    max_subtrees: int = 2
 
     def __post_init__(self) -> None:
         if not self.sources:
@@ -246,10 +245,9 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
     if prediction.uncertain.any():
         named = [j for j, u in zip(joints, prediction.uncertain.any(axis=0), strict=True) if u]
         reasons.append(f"as uncertain as a guess ({', '.join(named)})")
-    return (
-        f"{n_extrapolated} of {n} points ({n_extrapolated / n:.0%}) are extrapolated: {'; '.join(reasons)}. "
-        "A slow recording cannot teach a fast movement"
-    )
+    faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
+    share = n_extrapolated / n
+    return f"{n_extrapolated} of {n} points ({share:.1%}) are extrapolated: {'; '.join(reasons)}{faster}"
 
 
 def _recording_report(recording: JointRecording) -> RecordingReport:

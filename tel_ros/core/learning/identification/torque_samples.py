@@ -4,8 +4,8 @@ Positions and efforts go through the same zero-phase Butterworth filter (see :mo
 torque that is learned belongs to the motion that is left. A Savitzky-Golay filter smooths a position, its
 first and its second derivative differently, and the effort again differently: what M(q) q̈ loses at the upper
 end of the motion, the torque keeps. The filter leaves next to nothing above its cutoff, so the derivatives
-after it may be those of an interpolating spline: at 30 Hz, accelerations of a motion of up to 3 Hz are wrong by
-0.7 % instead of the 7 % of central differences (docs/imported-bags.md).
+after it may be those of an interpolating spline: at 30 Hz, accelerations of a motion of up to 3 Hz are wrong
+by 0.7 % instead of the 7 % of central differences (docs/imported-bags.md).
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def torque_samples(
 def chosen_cutoff_hz(position_rad: FloatArray, period_s: float) -> float:
     """Return the cutoff that suits evenly sampled positions (see :func:`~..noise.choose_cutoff_hz`).
 
-    It is at most 15 Hz, and there always is one: without, a spline makes accelerations of the noise at half of
-    the sampling rate.
+    It is at most 15 Hz, and there always is one: without, a spline makes accelerations of the noise at half
+    of the sampling rate.
 
     Args:
         position_rad: at least 50 rows. Shape (n, n_joints).

@@ -65,8 +65,8 @@ def test_noise_of_the_motion_is_what_the_formula_says() -> None:
     noise = rng.normal(size=(20_000, 1))
     time_s = period_s * np.arange(len(noise))
     measured = motion(time_s, low_pass(noise, cutoff_hz, period_s))[100:-100].std(axis=0)
-    # Of the accelerations most lie within 3 Hz below the cutoff: in 160 s that is as much as 1,000 independent
-    # samples, whose standard deviation has a standard error of 2 %.
+    # Most of the acceleration lies within 3 Hz below the cutoff: in 160 s that is as much as 1,000
+    # independent samples, whose standard deviation has a standard error of 2 %.
     np.testing.assert_allclose(motion_noise(cutoff_hz, period_s), measured, rtol=0.06)
 
 
