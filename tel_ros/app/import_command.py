@@ -35,7 +35,13 @@ def import_options(function: F) -> F:
         click.option("--urdf", default="", help="URDF of the arm (or package://…); for rigid_body."),
         click.option("--topic", default="", help="Topic of the bags. Default: the one that has efforts."),
         click.option("--joints", default="", help="Joints to learn, a,b,c. Default: all that have efforts."),
-        click.option("--rate-hz", type=float, help="Rate of the samples that are learned from, at most."),
+        click.option(
+            "--rate-hz",
+            type=float,
+            default=200.0,
+            show_default=True,
+            help="Rate of the samples that are learned from, at most.",
+        ),
         click.option(
             "--cutoff-hz", type=float, help="Zero-phase low-pass, 0 for none. Default: chosen from the data."
         ),
@@ -68,7 +74,7 @@ def run_import(
     urdf: str,
     topic: str,
     joints: str,
-    rate_hz: float | None,
+    rate_hz: float,
     cutoff_hz: float | None,
     weights: Any,
     max_subtrees: int,

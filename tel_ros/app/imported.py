@@ -42,7 +42,8 @@ class ImportRequest:
         urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
         topic: of bags; empty: the one that has efforts.
         joints: to learn; empty: all with efforts.
-        rate_hz: of the samples that are learned from, at most; None: as recorded.
+        rate_hz: of the samples that are learned from, at most. What is filtered below 15 Hz has nothing more
+            to tell at a higher one.
         cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
         weights: how trees find their weights.
         max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
@@ -54,7 +55,7 @@ class ImportRequest:
     urdf: str = ""
     topic: str = ""
     joints: tuple[str, ...] = ()
-    rate_hz: float | None = None
+    rate_hz: float = 200.0
     cutoff_hz: float | None = None
     weights: Literal["lms", "least_squares"] = "least_squares"
     max_subtrees: int = 2
@@ -62,7 +63,7 @@ class ImportRequest:
     def __post_init__(self) -> None:
         if not self.sources:
             raise ConfigError("SOURCE", "", "at least one bag or CSV")
-        if self.rate_hz is not None and not 0.0 < self.rate_hz < np.inf:
+        if not 0.0 < self.rate_hz < np.inf:
             raise ConfigError("--rate-hz", self.rate_hz, "a finite number above 0")
         if self.cutoff_hz is not None and not 0.0 <= self.cutoff_hz < np.inf:
             raise ConfigError("--cutoff-hz", self.cutoff_hz, "0 for no filter, or a finite number above 0")
@@ -180,11 +181,10 @@ def import_and_train(request: ImportRequest) -> ImportReport:
     urdf, assumed = "", []
     if request.urdf:
         urdf, assumed = arm_description(urdf_file(request.urdf, Path.cwd()), joints, others)
-    most_hz = np.inf if request.rate_hz is None else request.rate_hz
     parts = [
         part
         for recording in recordings
-        for part in torque_samples(recording, cutoff_hz=request.cutoff_hz, most_hz=most_hz)
+        for part in torque_samples(recording, cutoff_hz=request.cutoff_hz, most_hz=request.rate_hz)
     ]
     learning = LearningConfig(
         name=request.learner,
