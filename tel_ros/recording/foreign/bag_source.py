@@ -160,7 +160,9 @@ def _opened(bag: Path) -> Iterator[AnyReader]:
     except TelError:
         raise
     except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
-        raise InputFileError(bag, f"cannot be read ({' '.join(str(error).split())})", _EXPECTED) from error
+        # The text of some errors, a KeyError for one, says nothing without their kind.
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InputFileError(bag, f"cannot be read ({reason})", _EXPECTED) from error
 
 
 def _files(bag: Path) -> list[Path]:
