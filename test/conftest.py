@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "core"))  # tests of all layers use its made-up recordings
 
 _N_DOMAINS = 100
 """ROS keeps some of the higher ones for the system's own ports."""

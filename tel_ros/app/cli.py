@@ -23,6 +23,8 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
+from tel_ros.app.import_command import import_recordings
+from tel_ros.app.predict_command import predict
 from tel_ros.app.replay_command import replay
 from tel_ros.app.sweep_command import sweep
 from tel_ros.core.errors import TelError
@@ -46,6 +48,8 @@ def main() -> None:
     tel bag info bags/RUN/trial_001     what a bag holds, and whether it is whole; tel bag plot draws it
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
+    tel import SOURCE … --out NET       learn torques from recordings of any arm
+    tel predict NET TRAJECTORY          the torques that a movement takes, and how sure they are
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, 130 interrupted.
@@ -117,6 +121,8 @@ main.add_command(bag)
 main.add_command(check)
 main.add_command(compare)
 main.add_command(replay)
+main.add_command(import_recordings)
+main.add_command(predict)
 main.add_command(sweep)
 
 

@@ -20,7 +20,7 @@ from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.new_network import PREDICTS_TORQUE, new_network
 from tel_ros.recording.trial_bag import read_trial
 
 
@@ -103,6 +103,8 @@ class InverseDynamicsNode(Node):
             network = load_network(Path(request.path))
             if network.context.joints != self._joints:
                 raise _other_joints(request.path, network.context.joints, self._joints)
+            if network.context.predicts == "torque":
+                raise TrainingError(f"{request.path}: expected {PREDICTS_TORQUE}")
         except TelError as error:
             return self._refuse(response, error)
         self._take_up(network)

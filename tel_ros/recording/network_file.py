@@ -3,7 +3,8 @@
 Format ``tel_ros network 2``: a NumPy ``.npz`` archive (no pickles) with
 
 - ``header``: JSON text with ``format``, ``learner`` (its name), ``context`` (joints, K, B, the learner's
-  configuration, seed, URDF) and ``state`` (what else the learner has to say, by its own rules);
+  configuration, seed, URDF; of a learner of torque also ``predicts`` and ``std_factor``) and ``state`` (what
+  else the learner has to say, by its own rules);
 - ``input_low``, ``input_high``: ranges of the 3 * n_joints inputs, shape (3 * n_joints,);
 - ``state_…``: the learner's arrays. For trees: for each joint j ``state_weights_j``, shape (1 + subtrees,
   3 * n_joints, gaussians), and ``state_parents_j``, shape (subtrees, 3): subtree, input and Gaussian that
@@ -19,18 +20,20 @@ import json
 import math
 import os
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner
+from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
 from tel_ros.recording.learners import learner_kind
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
 _STATE = "state_"
+_USUAL: Predicts = "equilibrium"
 
 
 def revision(learner: Learner) -> str:
@@ -88,6 +91,10 @@ def load_network(path: Path) -> Learner:
 
 def _header(learner: Learner, stored: StoredLearner) -> str:
     context = learner.context
+    # Named only where it differs, so that the files and revisions of practice stay what they are.
+    predicts: dict[str, object] = {}
+    if context.predicts != _USUAL:
+        predicts = {"predicts": context.predicts, "std_factor": list(context.std_factor)}
     return json.dumps(
         {
             "format": FORMAT,
@@ -99,6 +106,7 @@ def _header(learner: Learner, stored: StoredLearner) -> str:
                 "learning": dataclasses.asdict(context.learning),
                 "seed": context.seed,
                 "urdf": context.urdf,
+                **predicts,
             },
             "state": dict(stored.header),
         },
@@ -143,6 +151,18 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
         learning=LearningConfig(**described["learning"]),
         seed=int(described["seed"]),
         urdf=described["urdf"],
+        predicts=described.get("predicts", _USUAL),
+        std_factor=tuple(described.get("std_factor", ())),
     )
+    if context.predicts not in get_args(Predicts):
+        raise NetworkFileError(
+            path, f"predicts {context.predicts!r}", f"one of {', '.join(get_args(Predicts))}"
+        )
+    if len(context.std_factor) not in (0, len(joints)) or not all(
+        0.0 < f < math.inf for f in context.std_factor
+    ):
+        raise NetworkFileError(
+            path, f"has the std_factor {context.std_factor}", "a finite number > 0 a joint"
+        )
     state = {name.removeprefix(_STATE): array for name, array in arrays.items()}
     return learner_kind(header["learner"]).restored(context, StoredLearner(header["state"], state))

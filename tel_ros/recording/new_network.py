@@ -16,6 +16,8 @@ from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
+PREDICTS_TORQUE = "a network of practice, which predicts equilibrium points; this one predicts torque"
+
 
 def learner_context(config: Config) -> LearnerContext:
     """Return what a learner is told: among it, input ranges that cover all that practice may ask for."""
@@ -61,6 +63,8 @@ def _earlier(config: Config) -> Learner:
     file, arm = config.learning.start_from, config.arm
     learner = load_network(Path(file))
     context = learner.context
+    if context.predicts == "torque":
+        raise ConfigError("learning.start_from", file, PREDICTS_TORQUE)
     for name, found, expected in (
         ("joints", context.joints, arm.joints),
         ("stiffness_nm_per_rad", context.stiffness_nm_per_rad, arm.stiffness_nm_per_rad),

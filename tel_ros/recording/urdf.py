@@ -17,7 +17,8 @@ from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.kinematics import ChainJoint, SerialChain
 from tel_ros.core.types import FloatArray
 
-_MOVABLE = ("revolute", "continuous", "prismatic")
+MOVABLE = ("revolute", "continuous", "prismatic")
+"""Types of joints that have a position."""
 _PACKAGE = "package://"
 
 
@@ -108,10 +109,10 @@ def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:
             movable joint that is not asked for.
     """
     low, high, speed, effort = [], [], [], []
-    movable = [joint.name for joint in urdf.joints if joint.type in _MOVABLE]
+    movable = [joint.name for joint in urdf.joints if joint.type in MOVABLE]
     for name in joints:
         joint = urdf.joint_map.get(name)
-        if joint is None or joint.type not in _MOVABLE:
+        if joint is None or joint.type not in MOVABLE:
             raise ConfigError(
                 "joints", name, f"a movable joint of the URDF (it has {', '.join(movable) or 'none'})"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from tel_interfaces.srv import (
 
 from tel_ros.nodes.conversions import desired_message
 from tel_ros.recording import topics
+from tel_ros.recording.network_file import load_network, save_network
 
 StartGraph = Callable[..., Graph]
 pytestmark = pytest.mark.timeout(60)
@@ -63,6 +65,9 @@ def test_the_network_learns_from_a_bag_and_survives_everything_that_is_wrong(
     file = tmp_path / "network.npz"
     saved = running.call(SaveNetwork, topics.SAVE, SaveNetwork.Request(path=str(file)))
     assert saved.success and saved.revision == trained.revision
+    torque = load_network(file)
+    torque.context = replace(torque.context, predicts="torque")
+    save_network(torque, tmp_path / "torque.npz")
     half = tmp_path / "half.npz"
     half.write_bytes(file.read_bytes()[:2000])
     unclosed = tmp_path / "unclosed"
@@ -76,6 +81,12 @@ def test_the_network_learns_from_a_bag_and_survives_everything_that_is_wrong(
             "expected a network saved by tel_ros",
         ),
         (LoadNetwork, topics.LOAD, LoadNetwork.Request(path="/nowhere.npz"), "there is no such file"),
+        (
+            LoadNetwork,
+            topics.LOAD,
+            LoadNetwork.Request(path=str(tmp_path / "torque.npz")),
+            "this one predicts torque",
+        ),
         (SaveNetwork, topics.SAVE, SaveNetwork.Request(path="/proc/network.npz"), "cannot be written"),
         (TrainOnTrials, topics.TRAIN, TrainOnTrials.Request(bags=[str(unclosed)]), "it was never closed"),
         (TrainOnTrials, topics.TRAIN, TrainOnTrials.Request(bags=[]), "expected at least one bag"),

@@ -257,6 +257,15 @@ def test_a_network_of_an_arm_with_other_springs_is_refused(config: Config, tmp_p
         new_network(starting_from(stiffer, tmp_path / "earlier.npz"))
 
 
+def test_a_network_of_torque_never_becomes_one_of_equilibrium_points(config: Config, tmp_path: Path) -> None:
+    """Its outputs are no offsets, even where its joints and springs look right: the arm would follow them."""
+    torque = new_network(config)
+    torque.context = dataclasses.replace(torque.context, predicts="torque")
+    save_network(torque, tmp_path / "imported.npz")
+    with pytest.raises(ConfigError, match=r"learning.start_from.*imported.npz.*this one predicts torque"):
+        new_network(starting_from(config, tmp_path / "imported.npz"))
+
+
 def test_a_missing_network_to_go_on_from_is_named(config: Config, tmp_path: Path) -> None:
     with pytest.raises(NetworkFileError, match="earlier.npz: there is no such file"):
         new_network(starting_from(config, tmp_path / "earlier.npz"))

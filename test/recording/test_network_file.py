@@ -355,3 +355,33 @@ def test_a_subtree_under_a_leaf_that_is_not_there_is_refused(
 def test_pickled_objects_are_refused(file: Path, rewrite: Callable[..., None]) -> None:
     rewrite(state_weights_0=np.array([{"a": 1}], dtype=object))
     assert "not readable" in refusal(file)
+
+
+def test_a_network_of_torque_says_so_and_one_of_practice_does_not(tmp_path: Path) -> None:
+    torque = trained(1, predicts="torque", std_factor=(1.5, 2.5))
+    save_network(torque, tmp_path / "torque.npz")
+    context = load_network(tmp_path / "torque.npz").context
+    assert (context.predicts, context.std_factor) == ("torque", (1.5, 2.5))
+    assert revision(torque) != revision(trained(1))
+
+
+def test_a_network_of_practice_says_nothing_new(file: Path) -> None:
+    """Files and revisions of earlier runs stay what they are."""
+    with np.load(file) as stored:
+        assert "predicts" not in json.loads(str(stored["header"]))["context"]
+    assert load_network(file).context.predicts == "equilibrium"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "part"),
+    [
+        ("context.predicts", "weather", "predicts 'weather'; expected one of equilibrium, torque"),
+        ("context.std_factor", [1.0], "std_factor"),
+        ("context.std_factor", [1.0, -1.0], "std_factor"),
+    ],
+)
+def test_what_no_network_predicts_is_refused(
+    file: Path, rewrite: Callable[..., None], key: str, value: object, part: str
+) -> None:
+    rewrite({"context.predicts": "torque", key: value})
+    assert part in refusal(file)

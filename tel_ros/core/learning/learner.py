@@ -19,6 +19,7 @@ from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray
 
 TrainingMode = Literal["actual", "desired"]
+Predicts = Literal["equilibrium", "torque"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ class LearnerContext:
         learning: size and method.
         seed: of everything random.
         urdf: text of the URDF; its kinematics can be trusted, its inertias need not be right. May be empty.
+        predicts: ``equilibrium``: K and B are the springs of practice. ``torque``: there are no springs; the
+            output is a torque in units of K, and B is 0.
+        std_factor: of a torque: how many times larger errors were, where they could be tested, than the
+            learner expected; one a joint. Empty: not known.
     """
 
     joints: tuple[str, ...]
@@ -42,6 +47,8 @@ class LearnerContext:
     learning: LearningConfig
     seed: int
     urdf: str = ""
+    predicts: Predicts = "equilibrium"
+    std_factor: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,190 @@
+"""Recordings as other people make them: a moving seven-joint arm, with encoders, noise and uneven stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from inverse_dynamics_data import ROOT
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from sim_bridge.arm import SimulatedArm
+from sim_bridge.exact_model import ExactInverseDynamics
+from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.types import FloatArray, IntArray
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.topics import JOINT_STATES
+
+CONFIG = ROOT / "config" / "kuka_iiwa.yaml"
+CONTROL_HZ = 1000.0
+ENCODER_BITS = 16
+TORQUE_NOISE = 0.05
+"""Standard deviation of the noise of a torque sensor, in units of the spread of its joint's torque."""
+VISCOUS_NMS_PER_RAD = (1.0, 1.0, 0.6, 0.6, 0.2, 0.2, 0.1)
+COULOMB_NM = (2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1)
+_N_SINES = 6
+_SLOWEST_HZ, FASTEST_HZ = 0.05, 0.6
+_AMPLITUDE_RAD = 0.6
+_MIDDLE_RAD = np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
+_RAMP_S = 1.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What an arm did, at each tick of its controller.
+
+    Args:
+        joints: names.
+        time_s: shape (n,).
+        position_rad: as it was, before any encoder. Shape (n, n_joints).
+        velocity_rad_s: likewise.
+        effort_nm: that the motors made in the tick before. Shape (n, n_joints).
+    """
+
+    joints: tuple[str, ...]
+    time_s: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a logger wrote down of a motion.
+
+    Args:
+        joints: names.
+        stamp_ns: shape (n,).
+        position_rad: shape (n, n_joints).
+        velocity_rad_s: likewise.
+        effort_nm: likewise.
+    """
+
+    joints: tuple[str, ...]
+    stamp_ns: IntArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+
+
+def moved(duration_s: float, speed: float, seed: int) -> Motion:
+    """Return a movement of all joints on sums of sines that never repeat, without noise.
+
+    The controller is given the exact inverse dynamics, so that the arm goes where it should at any speed;
+    what is recorded does not depend on that.
+
+    Args:
+        duration_s: of it.
+        speed: factor on all frequencies, which are 0.05 to 0.6 Hz at 1.
+        seed: of frequencies, amplitudes and phases.
+    """
+    config = load_config(CONFIG, [])
+    sim = replace(
+        config.sim,
+        encoder_bits=0,
+        viscous_friction_nms_per_rad=VISCOUS_NMS_PER_RAD,
+        coulomb_friction_nm=COULOMB_NM,
+    )
+    desired = sines(duration_s, speed, np.random.default_rng(seed))
+    offset = ExactInverseDynamics(config, sim).predict(query_inputs(desired, 1.0 / CONTROL_HZ))
+    equilibrium = desired.position_rad + offset
+    stiffness, damping = np.array(config.arm.stiffness_nm_per_rad), np.array(config.arm.damping_nms_per_rad)
+    sim = replace(sim, initial_position_rad=tuple(desired.position_rad[0].tolist()))
+    readings = []
+    with SimulatedArm(config.arm, sim, rate_hz=CONTROL_HZ, seed=seed) as arm:
+        for u in equilibrium:
+            reading = arm.reading()
+            q, v = np.array(reading.position_rad), np.array(reading.velocity_rad_s)
+            arm.step((stiffness * (u - q) - damping * v).tolist())
+            readings.append((q, v, np.array(arm.reading().effort_nm)))
+    position, velocity, effort = (np.array(column) for column in zip(*readings, strict=True))
+    return Motion(config.arm.joints, desired.time_s, position, velocity, effort)
+
+
+def recorded(
+    motion: Motion, rate_hz: float, seed: int, *, jitter: float = 0.2, stamp_noise_s: float = 1e-4
+) -> Record:
+    """Return what a logger at another rate writes down.
+
+    Args:
+        motion: of the arm.
+        rate_hz: of the logger.
+        seed: of its noise.
+        jitter: standard deviation of the time from sample to sample, in periods: samples are taken unevenly.
+        stamp_noise_s: standard deviation by which a stamp is wrong.
+    """
+    rng = np.random.default_rng(seed)
+    n = int(motion.time_s[-1] * rate_hz) - 2
+    # Half of that on either end of a step.
+    taken_s = (np.arange(n) + 1.0 + np.clip(rng.normal(0.0, jitter / np.sqrt(2.0), n), -0.45, 0.45)) / rate_hz
+    stamp_s = np.maximum.accumulate(taken_s + rng.normal(0.0, stamp_noise_s, n))
+
+    def at(values: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(taken_s, motion.time_s, column) for column in values.T])
+
+    step_rad = 2.0 * np.pi / 2**ENCODER_BITS
+    effort = at(motion.effort_nm)
+    noise = rng.normal(0.0, TORQUE_NOISE * motion.effort_nm.std(axis=0), effort.shape)
+    return Record(
+        joints=motion.joints,
+        stamp_ns=np.round(1e9 * (1000.0 + stamp_s)).astype(np.int64),
+        position_rad=np.round(at(motion.position_rad) / step_rad) * step_rad,
+        velocity_rad_s=at(motion.velocity_rad_s),
+        effort_nm=effort + noise,
+    )
+
+
+def write_bag(records: Sequence[Record], bag: Path, storage: StoragePlugin) -> None:
+    """Write records, one after the other, as a stock ``joint_state_broadcaster`` would have been recorded."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    state, header, time = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with Writer(bag, version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection(JOINT_STATES, state.__msgtype__, typestore=store)
+        for record in records:
+            rows = zip(
+                record.stamp_ns.tolist(),
+                record.position_rad,
+                record.velocity_rad_s,
+                record.effort_nm,
+                strict=True,
+            )
+            for stamp_ns, position, velocity, effort in rows:
+                stamp = time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+                message = state(header(stamp, ""), list(record.joints), position, velocity, effort)
+                writer.write(connection, stamp_ns, store.serialize_cdr(message, state.__msgtype__))
+
+
+def sines(duration_s: float, speed: float, rng: np.random.Generator) -> DesiredTrajectory:
+    """Return sums of sines that grow from rest within a second."""
+    time_s = np.arange(round(duration_s * CONTROL_HZ)) / CONTROL_HZ
+    n_joints = len(_MIDDLE_RAD)
+    frequency_hz = speed * np.exp(rng.uniform(np.log(_SLOWEST_HZ), np.log(FASTEST_HZ), (n_joints, _N_SINES)))
+    amplitude = rng.uniform(0.5, 1.0, (n_joints, _N_SINES)) * (_SLOWEST_HZ * speed / frequency_hz) ** 0.5
+    amplitude *= _AMPLITUDE_RAD / amplitude.sum(axis=1, keepdims=True)
+    omega, phase = 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi, (n_joints, _N_SINES))
+    angle = omega * time_s[:, None, None] + phase
+    ramp = np.clip(time_s / _RAMP_S, 0.0, 1.0)
+    grown, slope, bend = (
+        10.0 * ramp**3 - 15.0 * ramp**4 + 6.0 * ramp**5,
+        (30.0 * ramp**2 - 60.0 * ramp**3 + 30.0 * ramp**4) / _RAMP_S,
+        (60.0 * ramp - 180.0 * ramp**2 + 120.0 * ramp**3) / _RAMP_S**2,
+    )
+    q, v, a = (
+        np.sum(amplitude * np.sin(angle), axis=2),
+        np.sum(amplitude * omega * np.cos(angle), axis=2),
+        np.sum(-amplitude * omega**2 * np.sin(angle), axis=2),
+    )
+    grown, slope, bend = grown[:, None], slope[:, None], bend[:, None]
+    return DesiredTrajectory(
+        time_ns=np.round(1e9 * time_s).astype(np.int64),
+        position_rad=_MIDDLE_RAD + grown * q,
+        velocity_rad_s=grown * v + slope * q,
+        acceleration_rad_s2=grown * a + 2.0 * slope * v + bend * q,
+    )

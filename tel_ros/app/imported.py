@@ -1,0 +1,289 @@
+"""From recordings of any arm to a network of its torques, and what is to be said of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tel_ros.core.config import LearningConfig
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.learning.identification.excitation import Excitation, excitation, input_name
+from tel_ros.core.learning.identification.fit import Fit, fit_torque
+from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.learning.identification.resampling import median_period_s
+from tel_ros.core.learning.identification.torque_prediction import TorquePrediction
+from tel_ros.core.learning.identification.torque_samples import TorqueSamples, torque_samples
+from tel_ros.core.learning.inputs import InputRange
+from tel_ros.core.learning.learner import Learner, LearnerContext
+from tel_ros.core.types import FloatArray
+from tel_ros.recording.foreign.arm_description import arm_description
+from tel_ros.recording.foreign.sources import read_sources
+from tel_ros.recording.learners import learner_kind
+from tel_ros.recording.network_file import revision, save_network
+from tel_ros.recording.urdf import urdf_file
+
+POOR_NMSE = 0.1
+_SEED = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportRequest:
+    """What to learn from, and how.
+
+    Args:
+        sources: bags of ROS 1 or ROS 2, their data files, or CSVs.
+        out: file of the network; must not exist.
+        learner: name.
+        urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
+        topic: of bags; empty: the one that has efforts.
+        joints: to learn; empty: all with efforts.
+        rate_hz: of the samples that are learned from, at most. What is filtered below 15 Hz has nothing more
+            to tell at a higher one.
+        cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
+        weights: how trees find their weights.
+        max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
+    """
+
+    sources: tuple[Path, ...]
+    out: Path
+    learner: str = "rigid_body"
+    urdf: str = ""
+    topic: str = ""
+    joints: tuple[str, ...] = ()
+    rate_hz: float = 200.0
+    cutoff_hz: float | None = None
+    weights: Literal["lms", "least_squares"] = "least_squares"
+    max_subtrees: int = 2
+
+    def __post_init__(self) -> None:
+        if not self.sources:
+            raise ConfigError("SOURCE", "", "at least one bag or CSV")
+        if not 0.0 < self.rate_hz < np.inf:
+            raise ConfigError("--rate-hz", self.rate_hz, "a finite number above 0")
+        if self.cutoff_hz is not None and not 0.0 <= self.cutoff_hz < np.inf:
+            raise ConfigError("--cutoff-hz", self.cutoff_hz, "0 for no filter, or a finite number above 0")
+        if len(set(self.joints)) < len(self.joints):
+            raise ConfigError("--joints", ",".join(self.joints), "each joint once")
+        if self.learner.startswith("rigid_body") and not self.urdf:
+            raise ConfigError(
+                "--urdf", self.urdf, f"the URDF of the arm, whose kinematics the learner {self.learner} needs"
+            )
+        if self.out.exists():
+            raise InputFileError(self.out, "exists already", "a name that is free")
+
+
+@dataclass(frozen=True)
+class RecordingReport:
+    """What one recording was.
+
+    Args:
+        source: file and topic.
+        n_samples: as recorded.
+        duration_s: from the first to the last.
+        rate_hz: median.
+        jitter_s: standard deviation of the time between samples.
+    """
+
+    source: str
+    n_samples: int
+    duration_s: float
+    rate_hz: float
+    jitter_s: float
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What was learned, and what it is worth.
+
+    Args:
+        network: file.
+        revision: of the network.
+        learner: name.
+        joints: names, in the order of all arrays.
+        recordings: one by one.
+        n_parts: unbroken stretches of time.
+        learned_s: what was learned from, without the ends of the parts.
+        cutoff_hz: lowest and highest of the filters (half of the rate where none was needed).
+        fit: of the network.
+        excitation: how the arm moved.
+        torque_std_nm: spread of the recorded torques. Shape (n_joints,).
+        warnings: in words.
+    """
+
+    network: Path
+    revision: str
+    learner: str
+    joints: tuple[str, ...]
+    recordings: tuple[RecordingReport, ...]
+    n_parts: int
+    learned_s: float
+    cutoff_hz: tuple[float, float]
+    fit: Fit
+    excitation: Excitation
+    torque_std_nm: FloatArray
+    warnings: tuple[str, ...]
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return it as values that JSON holds."""
+        held_out = self.fit.held_out
+        return {
+            "network": str(self.network),
+            "revision": self.revision,
+            "predicts": "torque",
+            "learner": self.learner,
+            "recordings": [dataclasses.asdict(recording) for recording in self.recordings],
+            "unbroken_parts": self.n_parts,
+            "learned_s": self.learned_s,
+            "cutoff_hz": list(self.cutoff_hz),
+            "held_out": {
+                "blocks": self.fit.n_blocks,
+                "block_s": self.fit.block_s,
+                "samples": held_out.n_samples,
+                "mean_nmse": float(held_out.nmse.mean()),
+                "extrapolated_share": held_out.extrapolated,
+            },
+            "condition": _finite(self.excitation.condition),
+            "joints": [
+                {
+                    "joint": joint,
+                    "nmse": float(held_out.nmse[j]),
+                    "rms_nm": float(held_out.rms_nm[j]),
+                    "expected_rms_nm": _finite(float(held_out.expected_rms_nm[j])),
+                    "torque_std_nm": float(self.torque_std_nm[j]),
+                    "position_rad": list(excited.position_rad),
+                    "velocity_rad_s": excited.velocity_rad_s,
+                    "acceleration_rad_s2": excited.acceleration_rad_s2,
+                    "condition": _finite(excited.condition),
+                    "acceleration_snr": excited.acceleration_snr,
+                }
+                for j, (joint, excited) in enumerate(zip(self.joints, self.excitation.joints, strict=True))
+            ],
+            "warnings": list(self.warnings),
+        }
+
+
+def import_and_train(request: ImportRequest) -> ImportReport:
+    """Learn torque from recordings, save the network and report what it is worth.
+
+    Raises:
+        InputFileError: a source cannot be read or learned from, or the network cannot be written.
+        ConfigError: there is no such learner, it cannot use the URDF, or the URDF lacks a joint.
+        TrainingError: too little was recorded, or what was learned is not finite.
+    """
+    kind = learner_kind(request.learner)
+    recordings, others = read_sources(request.sources, request.topic, request.joints)
+    joints = recordings[0].joints
+    urdf, assumed = "", []
+    if request.urdf:
+        urdf, assumed = arm_description(urdf_file(request.urdf, Path.cwd()), joints, others)
+    parts = [
+        part
+        for recording in recordings
+        for part in torque_samples(recording, cutoff_hz=request.cutoff_hz, most_hz=request.rate_hz)
+    ]
+    learning = LearningConfig(
+        name=request.learner,
+        weights=request.weights,
+        max_subtrees=request.max_subtrees,
+        # Blocks are parts of the same recordings: none of them tells of another arm than the earlier ones.
+        detect_change=False,
+        # What lies outside of the recorded range is to be told, not to be covered.
+        input_margin=1.0,
+    )
+
+    def new_learner(input_range: InputRange, unit_nm: FloatArray, std_factor: FloatArray) -> Learner:
+        return kind.new(
+            LearnerContext(
+                joints=joints,
+                stiffness_nm_per_rad=tuple(unit_nm.tolist()),
+                damping_nms_per_rad=(0.0,) * len(joints),
+                input_range=input_range,
+                learning=learning,
+                seed=_SEED,
+                urdf=urdf,
+                predicts="torque",
+                std_factor=tuple(std_factor.tolist()),
+            )
+        )
+
+    fit = fit_torque(parts, new_learner)
+    excited = excitation(joints, parts)
+    save_network(fit.learner, request.out)
+    return ImportReport(
+        network=request.out,
+        revision=revision(fit.learner),
+        learner=request.learner,
+        joints=joints,
+        recordings=tuple(map(_recording_report, recordings)),
+        n_parts=len(parts),
+        learned_s=sum(len(part) * part.period_s for part in parts),
+        cutoff_hz=(min(p.bandwidth_hz for p in parts), max(p.bandwidth_hz for p in parts)),
+        fit=fit,
+        excitation=excited,
+        torque_std_nm=np.array(fit.learner.context.stiffness_nm_per_rad),
+        warnings=(*_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed),
+    )
+
+
+def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str:
+    """Say how much of a prediction is a guess, and in which respect; nothing if none of it is."""
+    n = len(prediction.extrapolated)
+    n_extrapolated = int(np.count_nonzero(prediction.extrapolated))
+    if not n_extrapolated:
+        return ""
+    joints = learner.context.joints
+    reasons = []
+    columns = prediction.outside.sum(axis=0)
+    if columns.any():
+        named = [input_name(joints, int(c)) for c in np.argsort(-columns, kind="stable")[:3] if columns[c]]
+        reasons.append(f"outside of the range that was learned ({', '.join(named)})")
+    if prediction.uncertain.any():
+        named = [j for j, u in zip(joints, prediction.uncertain.any(axis=0), strict=True) if u]
+        reasons.append(f"as uncertain as a guess ({', '.join(named)})")
+    faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
+    share = n_extrapolated / n
+    return f"{n_extrapolated} of {n} points ({share:.1%}) are extrapolated: {'; '.join(reasons)}{faster}"
+
+
+def _recording_report(recording: JointRecording) -> RecordingReport:
+    return RecordingReport(
+        source=recording.source,
+        n_samples=len(recording.time_s),
+        duration_s=recording.duration_s,
+        rate_hz=1.0 / median_period_s(recording),
+        jitter_s=float(np.std(np.diff(recording.time_s))),
+    )
+
+
+def _fit_warnings(
+    joints: Sequence[str], fit: Fit, recordings: Sequence[JointRecording], parts: Sequence[TorqueSamples]
+) -> list[str]:
+    held_out, found = fit.held_out, []
+    poor = [
+        f"{joint} {nmse:.3g}" for joint, nmse in zip(joints, held_out.nmse, strict=True) if nmse > POOR_NMSE
+    ]
+    if poor:
+        found.append(
+            f"torques that were not learned from are predicted badly (nMSE {', '.join(poor)}; 0 is "
+            f"perfect, 1 the mean torque), and {held_out.extrapolated:.0%} of them lay outside of what had "
+            "been learned: a learner that knows rigid links (--urdf) needs less data; if it is one, are the "
+            "efforts in N·m at the joint, and do names fit columns?"
+        )
+    lost_s = sum(r.duration_s for r in recordings) - sum(len(p) * p.period_s for p in parts)
+    whole_s = sum(r.duration_s for r in recordings)
+    if lost_s > 0.1 * whole_s:
+        found.append(
+            f"{lost_s:.3g} of {whole_s:.3g} s lie in gaps, in parts that are too short, or at the "
+            "ends of parts"
+        )
+    return found
+
+
+def _finite(value: float) -> float | None:
+    """Return a number for JSON, which has no infinity."""
+    return value if np.isfinite(value) else None

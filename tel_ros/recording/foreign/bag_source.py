@@ -1,0 +1,197 @@
+"""Joint recordings from bags: rosbag1, rosbag2 in sqlite3 or MCAP, with or without its metadata.yaml.
+
+Two messages are understood: ``sensor_msgs/JointState`` with efforts, and ``trajectory_msgs/JointTrajectory``
+whose points have efforts; each of the latter is a recording by itself. Types that a bag does not describe are
+those of ROS 2 Jazzy.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+DATA_FILES = (".mcap", ".db3")
+BAG_FILES = (".bag", *DATA_FILES)
+_EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajectory with efforts"
+
+
+def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
+    """Read what a bag tells of joints and their efforts.
+
+    Args:
+        bag: a rosbag1 file, a folder of rosbag2, or one of its data files.
+        topic: to read; empty: the one topic that has efforts.
+        joints: that are wanted; empty: those of most messages. Messages without them are passed over.
+
+    Returns:
+        One recording for a topic of joint states, with all joints that its messages name; one for each
+        message of a topic of trajectories.
+
+    Raises:
+        InputFileError: there is no such bag, it cannot be read or is empty, it yields fewer messages than it
+            announces, it has no such topic or several to choose from, or there are no efforts.
+    """
+    with _opened(bag) as reader:
+        named = {c.topic: c.msgtype for c in reader.connections}
+        if topic and named.get(topic) not in (JOINT_STATE, JOINT_TRAJECTORY):
+            found = f"{topic} has messages {named[topic]}" if topic in named else f"has no topic {topic}"
+            raise InputFileError(bag, found, f"a topic of joints (it has {_list(named)})")
+        topics = (
+            [topic] if topic else [t for t, kind in named.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
+        )
+        if not topics:
+            raise InputFileError(bag, f"has the topics {_list(named) or 'of no messages'}", _EXPECTED)
+        read = {t: _Messages(bag, t, named[t], _messages(reader, bag, t)) for t in sorted(topics)}
+    if not any(m.stamped for m in read.values()):
+        raise InputFileError(bag, f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
+    with_effort = {t: m for t, m in read.items() if m.has_effort(joints)}
+    if not with_effort:
+        found = f"tells no effort on {', '.join(read)}" + (f" for {', '.join(joints)}" if joints else "")
+        raise InputFileError(bag, found, "efforts in N·m: what the torque is learned from")
+    if len(with_effort) > 1:
+        raise InputFileError(bag, f"tells efforts on {', '.join(with_effort)}", "one of them as --topic")
+    return next(iter(with_effort.values())).recordings(joints)
+
+
+@dataclass(frozen=True)
+class _Messages:
+    """The messages of a topic, each with the time at which it was recorded [ns]."""
+
+    bag: Path
+    topic: str
+    kind: str
+    stamped: list[tuple[int, Any]]
+
+    def has_effort(self, joints: Sequence[str]) -> bool:
+        """Whether there are efforts for these joints, or for any."""
+        return any(_has_effort(self.kind, m) and set(joints) <= _names(self.kind, m) for _, m in self.stamped)
+
+    def recordings(self, joints: Sequence[str]) -> list[JointRecording]:
+        """Return what the messages with these joints tell."""
+        groups = defaultdict(list)
+        for recorded_ns, message in self.stamped:
+            names = _names(self.kind, message)
+            if set(joints) <= names and _has_effort(self.kind, message):
+                groups[tuple(sorted(names))].append((recorded_ns, message))
+        chosen = max(groups.values(), key=len)
+        source = f"{self.bag}: {self.topic}"
+        if self.kind == JOINT_TRAJECTORY:
+            return [_of_trajectory(source, message) for _, message in chosen]
+        return [_of_states(source, chosen)]
+
+
+def _of_states(source: str, stamped: Sequence[tuple[int, Any]]) -> JointRecording:
+    names = tuple(stamped[0][1].name)
+    time_ns = np.array([_stamp_ns(message.header.stamp) for _, message in stamped], dtype=np.int64)
+    if not np.any(time_ns):  # nobody has set the stamps
+        time_ns = np.array([recorded_ns for recorded_ns, _ in stamped], dtype=np.int64)
+    order = {names: np.arange(len(names))}
+
+    def rows(field: str) -> FloatArray:
+        values = np.empty((len(stamped), len(names)))
+        for k, (_, message) in enumerate(stamped):
+            row, its_names = getattr(message, field), tuple(message.name)
+            if its_names not in order:
+                order[its_names] = np.array([its_names.index(name) for name in names])
+            if len(row) != len(names):
+                found = f"message {k + 1} has {len(row)} values in {field}"
+                raise InputFileError(source, found, f"one for each of its {len(names)} joints")
+            values[k] = np.asarray(row)[order[its_names]]
+        return values
+
+    return JointRecording(source, names, _since_first_s(time_ns), rows("position"), rows("effort"))
+
+
+def _of_trajectory(source: str, message: Any) -> JointRecording:
+    names = tuple(message.joint_names)
+    time_ns = np.array([_stamp_ns(point.time_from_start) for point in message.points], dtype=np.int64)
+
+    def rows(field: str) -> FloatArray:
+        values = [getattr(point, field) for point in message.points]
+        for k, row in enumerate(values):
+            if len(row) != len(names):
+                found = f"point {k + 1} has {len(row)} {field}"
+                raise InputFileError(source, found, f"one for each of its {len(names)} joints")
+        return np.array(values, dtype=np.float64).reshape(-1, len(names))
+
+    return JointRecording(source, names, _since_first_s(time_ns), rows("positions"), rows("effort"))
+
+
+def _names(kind: str, message: Any) -> set[str]:
+    return set(message.name if kind == JOINT_STATE else message.joint_names)
+
+
+def _has_effort(kind: str, message: Any) -> bool:
+    if kind == JOINT_STATE:
+        return len(message.effort) > 0
+    return any(len(point.effort) > 0 for point in message.points)
+
+
+def _stamp_ns(stamp: Any) -> int:
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def _since_first_s(time_ns: IntArray) -> FloatArray:
+    return np.asarray(time_ns - time_ns[0], dtype=np.float64) / NS_PER_S
+
+
+@contextmanager
+def _opened(bag: Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever goes wrong with it, meanwhile as well, becomes an InputFileError."""
+    try:
+        with AnyReader(_files(bag), default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in reader.connections} - {"cdr"}:
+                raise InputFileError(bag, f"is serialised as {fmt!r}", "messages serialised as 'cdr'")
+            yield reader
+    except TelError:
+        raise
+    except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
+        # The text of some errors, a KeyError for one, says nothing without their kind.
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InputFileError(bag, f"cannot be read ({reason})", _EXPECTED) from error
+
+
+def _files(bag: Path) -> list[Path]:
+    if not bag.exists():
+        raise InputFileError(bag, "there is no such file or folder", _EXPECTED)
+    if bag.is_file() or (bag / "metadata.yaml").is_file():
+        return [bag]
+    # A recording that was cut off, or somebody has copied the data alone.
+    files = sorted(file for file in bag.iterdir() if file.suffix in DATA_FILES)
+    if not files:
+        raise InputFileError(bag, "has neither metadata.yaml nor data files", _EXPECTED)
+    return files
+
+
+def _messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
+    connections = [c for c in reader.connections if c.topic == topic]
+    if not connections:
+        return []
+    found = [
+        (time_ns, reader.deserialize(raw, connection.msgtype))
+        for connection, time_ns, raw in reader.messages(connections=connections)
+    ]
+    announced = sum(connection.msgcount for connection in connections)
+    if len(found) != announced:
+        raise InputFileError(
+            bag, f"yields {len(found)} messages of {topic}", f"the {announced} that it announces"
+        )
+    return found
+
+
+def _list(named: dict[str, str]) -> str:
+    return ", ".join(f"{topic} ({kind})" for topic, kind in sorted(named.items()))

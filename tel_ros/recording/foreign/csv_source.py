@@ -1,0 +1,116 @@
+"""Joint recordings and movements from CSV with named columns.
+
+``time_s``, and for each joint ``q_<joint>`` [rad], ``dq_<joint>`` [rad/s], ``ddq_<joint>`` [rad/s²] and
+``tau_<joint>`` [N·m], in any order. Other columns are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tel_ros.core.errors import InputFileError
+from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.types import FloatArray
+
+TIME = "time_s"
+POSITION, VELOCITY, ACCELERATION, TORQUE = "q_", "dq_", "ddq_", "tau_"
+_COLUMNS = f"the columns {TIME}, {POSITION}<joint> and {TORQUE}<joint>"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A file of named columns.
+
+    Args:
+        file: that it was read from.
+        header: names.
+        values: shape (n, n_columns).
+    """
+
+    file: Path
+    header: tuple[str, ...]
+    values: FloatArray
+
+    def named(self, prefix: str) -> tuple[str, ...]:
+        """Return the joints that have a column with such a prefix."""
+        return tuple(name.removeprefix(prefix) for name in self.header if name.startswith(prefix))
+
+    def columns(self, prefix: str, joints: Sequence[str]) -> FloatArray:
+        """Return a column a joint.
+
+        Raises:
+            InputFileError: there is none for a joint, or it holds what is no finite number.
+        """
+        missing = [prefix + joint for joint in joints if prefix + joint not in self.header]
+        if missing:
+            found = f"has no column {', '.join(missing)}"
+            raise InputFileError(self.file, found, f"columns among {', '.join(self.header)}")
+        found_columns = self.values[:, [self.header.index(prefix + joint) for joint in joints]]
+        bad = np.argwhere(~np.isfinite(found_columns))
+        if len(bad):
+            row, column = bad[0]
+            found = f"{prefix}{joints[column]} is {found_columns[row, column]} in row {row + 1}"
+            raise InputFileError(self.file, found, "finite numbers")
+        return found_columns
+
+
+def read_table(file: Path) -> Table:
+    """Read a CSV of numbers with a header line.
+
+    Raises:
+        InputFileError: it is missing or cannot be read, has no header or a name twice, or holds no numbers.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
+            header = tuple(name.strip() for name in next(csv.reader(lines), []))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # that there is no row, which is told below
+                values = np.loadtxt(lines, delimiter=",", ndmin=2)
+    except FileNotFoundError as error:
+        raise InputFileError(file, "there is no such file", f"a CSV with {_COLUMNS}") from error
+    except (OSError, ValueError, csv.Error) as error:  # ValueError: also what is no UTF-8
+        raise InputFileError(file, f"not readable ({error})", f"a CSV with {_COLUMNS}") from error
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if repeated:
+        raise InputFileError(file, f"has {', '.join(repeated)} twice", "each column once")
+    if not values.size:
+        raise InputFileError(file, "has no rows", f"rows under {_COLUMNS}")
+    if values.shape[1] != len(header):
+        raise InputFileError(file, f"has {values.shape[1]} values a row", f"{len(header)}, as its header")
+    return Table(file, header, values)
+
+
+def read_csv_recording(file: Path, joints: Sequence[str] = ()) -> JointRecording:
+    """Read a recording.
+
+    Args:
+        file: CSV.
+        joints: that are wanted; empty: all that have a position.
+
+    Returns:
+        With the efforts as NaN for joints that have no ``tau_`` column, which only hold their place.
+
+    Raises:
+        InputFileError: see :func:`read_table`; or a column is missing, or holds what is no finite number.
+    """
+    table = read_table(file)
+    if TIME not in table.header or not table.named(POSITION):
+        raise InputFileError(file, f"has the columns {', '.join(table.header)}", _COLUMNS)
+    told = table.named(TORQUE)
+    if not told:
+        raise InputFileError(file, f"tells no effort: it has the columns {', '.join(table.header)}", _COLUMNS)
+    for joint in joints:
+        table.columns(TORQUE, [joint])
+    names = table.named(POSITION)
+    efforts = np.full((len(table.values), len(names)), np.nan)
+    for j, joint in enumerate(names):
+        if joint in told:
+            efforts[:, j] = table.columns(TORQUE, [joint])[:, 0]
+    time_s = table.columns("", [TIME])[:, 0]
+    return JointRecording(str(file), names, time_s - time_s[0], table.columns(POSITION, names), efforts)
