@@ -23,6 +23,9 @@ from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, mini
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 SHORTEST_APPROACH_S = 0.5
+LEAST_SHARE = 0.5
+"""A brake of whose effort less than this may act is latched anew with every state: a spring that gives way
+meanwhile would fling the arm back once states are punctual again."""
 
 
 @dataclass(slots=True)
@@ -105,6 +108,15 @@ class EpController:
         return self._goal is not None
 
     @property
+    def braking(self) -> bool:
+        """Whether an arm whose trial has ended is still being brought to rest; no other starts until then.
+
+        So it is after a loss of the states, which ends a trial in mid-motion, and when the brake has taken
+        longer than a trial waits for it.
+        """
+        return self.phase == Phase.STOP and not (self.active or self._letting_go or self._still)
+
+    @property
     def goal(self) -> TrialGoal | None:
         """The trial that is under way."""
         return self._goal
@@ -123,13 +135,15 @@ class EpController:
         """Take up a trial with the next state.
 
         Raises:
-            TrajectoryError: a trial is under way, the arm has been stopped for good, or the goal is one that
-                the arm must not follow.
+            TrajectoryError: a trial is under way, the arm has been stopped for good or is still being braked,
+                or the goal is one that the arm must not follow.
         """
         if self.stopped_for is not None:
             raise TrajectoryError(f"stopped: {self.stopped_for}; no trial starts before the stop is reset")
         if self.active:
             raise TrajectoryError("another trial is under way; one trial at a time")
+        if self.braking:
+            raise TrajectoryError("the arm is still being braked; a trial starts from rest")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         if goal.springs is not None:
             goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
@@ -274,6 +288,9 @@ class EpController:
         """Abort if time jumped: a state that does not follow the last one says nothing about now."""
         if self._ticks == 0 or self._letting_go:
             return
+        old = self._age.too_old(state.age_s)
+        if old is not None:
+            self._stop(Outcome.ABORTED, old)
         violation = self._age.violation(state.time_ns - self._last_ns)
         if violation is None:
             return
@@ -351,6 +368,9 @@ class EpController:
         return _Target(u, zero, zero, u)
 
     def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
+        if self.safety.share_for(state) < LEAST_SHARE:
+            self._load.lose(self._springs.stiffness_nm_per_rad)
+            self._brake = None
         if self._brake is None:
             load_rad = self._load.deflection_rad(self._springs.stiffness_nm_per_rad)
             self._brake = SpringBrake(state.position_rad, load_rad)
