@@ -32,6 +32,8 @@ DELAY_S = 0.01
 """What the arm contract allows between sending a command and a state that shows it."""
 AT_REST_RAD_S = 0.3
 """A braked arm that is asked to move again is slower than this."""
+LET_GO_SAMPLES = 5
+"""After so many without effort an arm has been let go: as long as the driver's watchdog."""
 RANGE_MARGIN_RAD = 1e-3
 """An encoder of 13 bits tells no more."""
 
@@ -240,9 +242,14 @@ def _stop(
     return reaction_s, "held", excursion_rad, found
 
 
-def _gone(position_rad: FloatArray, rows: BoolArray) -> FloatArray:
-    """Return how far each joint gets from where it is in the first of some rows, until the last of them."""
-    first, last = np.flatnonzero(rows)[[0, -1]]
+def _gone(position_rad: FloatArray, acting: BoolArray) -> FloatArray:
+    """Return how far each joint gets from where it is when motors first act, until the arm is let go.
+
+    What is let go falls, and the soft walls that keep it from its limits then are no brake.
+    """
+    rows = np.flatnonzero(acting)
+    pauses = np.flatnonzero(np.diff(rows) > LET_GO_SAMPLES)
+    first, last = rows[0], rows[pauses[0]] if len(pauses) else rows[-1]
     gone: FloatArray = np.abs(position_rad[first : last + 1] - position_rad[first]).max(axis=0)
     return gone
 

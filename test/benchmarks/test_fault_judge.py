@@ -153,6 +153,18 @@ def test_how_far_a_brake_gives_way_counts_from_when_it_has_its_states_again() ->
     assert judged(trace, calm_ns=round(1.2e9)).violations == ()
 
 
+def test_an_arm_that_was_held_and_is_let_go_may_fall_into_the_soft_walls() -> None:
+    time_s = np.arange(N) * PERIOD_S
+    position = 2.0 * np.clip(time_s - 1.0, 0.0, 0.5) ** 2  # falls from 1 s to 1.5 s by half a radian
+    effort = np.where(time_s < 1.0, -0.1, 0.0)
+    effort[time_s > 1.5] = -0.1
+    stamps = np.round(time_s * 1e9).astype(np.int64)
+    let_go = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    assert judged(let_go, falls=True).violations == ()
+    held_by_little = replace(let_go, effort_nm=np.full((N, 1), -0.1))
+    assert any("went on for" in text for text in judged(held_by_little, falls=True).violations)
+
+
 def test_springs_that_catch_a_falling_arm_may_give_back_some_of_its_energy() -> None:
     effort = np.zeros(N)
     effort[150:152], effort[160:164] = -120.0, 25.0  # from 1 rad/s almost to rest, and a little back
