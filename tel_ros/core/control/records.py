@@ -43,7 +43,7 @@ class ArmState:
         time_ns: when it was measured.
         position_rad: as measured.
         velocity_rad_s: as measured.
-        age_s: how late it has come (:class:`~tel_ros.core.safety.lateness.Lateness`); 0 where nobody can tell.
+        age_s: how late it has come (:class:`~tel_ros.core.safety.lateness.Lateness`); 0 where none can tell.
 
     Raises:
         StateError: a value is not finite.
