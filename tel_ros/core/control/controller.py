@@ -84,6 +84,7 @@ class EpController:
         self._ticks = 0
         self._start_ns = self._run_ns = self._phase_ns = self._last_ns = 0
         self._equilibrium: FloatArray | None = None
+        self._velocity = np.zeros(self._n_joints)
         self._held = _Target(*(np.zeros(self._n_joints) for _ in range(4)))
         self._approach_from = np.zeros(self._n_joints)
         self._approach_s = 0.0
@@ -109,7 +110,7 @@ class EpController:
 
     @property
     def braking(self) -> bool:
-        """Whether an arm whose trial has ended is still being brought to rest; no other starts until then.
+        """Whether an arm whose trial has ended is still being brought to rest; while it moves, none starts.
 
         So it is after a loss of the states, which ends a trial in mid-motion, and when the brake has taken
         longer than a trial waits for it.
@@ -142,7 +143,8 @@ class EpController:
             raise TrajectoryError(f"stopped: {self.stopped_for}; no trial starts before the stop is reset")
         if self.active:
             raise TrajectoryError("another trial is under way; one trial at a time")
-        if self.braking:
+        # A moment without states need not have moved an arm that was held.
+        if self.braking and np.abs(self._velocity).max() >= self._control.settle_speed_rad_s:
             raise TrajectoryError("the arm is still being braked; a trial starts from rest")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         if goal.springs is not None:
@@ -227,7 +229,7 @@ class EpController:
             self._start_ns = state.time_ns
             if self.phase == Phase.APPROACH:
                 self._begin_approach(state)
-        self._last_ns = state.time_ns
+        self._last_ns, self._velocity = state.time_ns, state.velocity_rad_s
         self._ticks += 1
         self._advance(state)
         target = self._target(state)
