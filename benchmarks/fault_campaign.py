@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
 from fault_judge import Episode, JointLimits, Trace, judge
 from fault_kinds import ANY_REASON, KINDS, Fault, Kind
@@ -27,6 +28,7 @@ from std_msgs.msg import Float64MultiArray
 from tel_ros.app.bring_up import node_names
 from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.run_folder import read_summary, trial_bag
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
@@ -143,6 +145,7 @@ class Injection:
             np.array(arm.position_max_rad),
             np.array(arm.velocity_limit_rad_s),
         )
+        self._body = Body.of(graph.config)
         self._joints = arm.joints
         self._next_trial = 1
         self._verified: set[int] = set()
@@ -196,7 +199,7 @@ class Injection:
             graph.send(name, signal.SIGSTOP)
         elif verb == "kill":
             graph.send(name, signal.SIGKILL)
-        elif fault.kind == "emergency_stop":
+        elif verb == "emergency":
             self._tap.emergency_stop()
         elif fault.kind == "interrupt":
             graph.send("tel", signal.SIGINT)
@@ -214,9 +217,7 @@ class Injection:
 
     def _await_end(self, fault: Fault, kind: Kind, row: Row) -> None:
         """Wait until a trial has begun after the fault was over, or the run has ended."""
-        over_wall_s = self._fault_wall_s + fault.parameters.get(
-            "pause_s", fault.parameters.get("duration_s", 0.0)
-        )
+        over_wall_s = self._fault_wall_s + _lasts_s(fault)
 
         def next_trial() -> bool:
             later = [h for k, h in self._tap.begun.items() if k > self._trial and h.wall_s > over_wall_s]
@@ -262,8 +263,9 @@ class Injection:
             end_ns=int(trace.time_ns[-1]) if len(trace.time_ns) else fault_ns,
             completed=completed,
             work_tolerance_j=self._graph.setup.work_tolerance_j,
-            excursion_rad=self._graph.setup.excursion_rad,
             falls=self._graph.setup.falls,
+            calm_ns=fault_ns + round(_lasts_s(fault) * NS_PER_S),
+            body=self._body,
         )
         verdict = judge(trace, self._limits, episode)
         row.violations += verdict.violations
@@ -278,7 +280,7 @@ class Injection:
         """Return the arm time from which the fault could be noticed."""
         if fault.kind.endswith("_duplicate"):
             return self._tap.foreign_since_ns or self._fault_ns
-        if not self._graph.setup.in_between and fault.kind == "kill_ep_controller":
+        if not self._graph.setup.in_between and fault.kind in ("kill_ep_controller", "hang_ep_controller"):
             # The observer lags behind an arm in lockstep, whose time stands still once nobody commands it.
             heard = [c.arm_ns for c in trace.controls]
             return max([self._fault_ns, *heard[-1:]])
@@ -338,6 +340,11 @@ class Injection:
             for index in sorted(expected - self._verified)
         ]
         return found
+
+
+def _lasts_s(fault: Fault) -> float:
+    """Return for how long a fault disturbs; what is for good has its whole effect at once."""
+    return float(fault.parameters.get("pause_s", fault.parameters.get("duration_s", 0.0)))
 
 
 def _is_zero(raw: bytes) -> bool:

@@ -9,8 +9,10 @@ controller says it did. From the controller it takes only when a trial begins an
 
 No effort does no work; springs that brake do negative work; springs that hold an arm at rest do none. An arm
 that is being driven fails within a few periods. The *reaction* is the time from the fault to the first moment
-from which this holds. Under gravity a weak brake would pass: it lets the arm sink, which is negative work.
-Hence, for an arm that motors act on, the excursion is bounded as well.
+from which this holds. Under gravity the springs that catch a falling arm give back some of its energy,
+which is tolerated; and a weak brake would pass: it lets the arm sink, which is negative work. Hence,
+once nothing is disturbed any more and motors act, no joint may go further than energy, weight and springs
+explain (:mod:`fault_body`).
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from fault_body import GIVEN_BACK, Body
 from fault_kinds import Expectation
 
 from tel_ros.core.control.records import Phase
@@ -29,6 +32,8 @@ DELAY_S = 0.01
 """What the arm contract allows between sending a command and a state that shows it."""
 AT_REST_RAD_S = 0.3
 """A braked arm that is asked to move again is slower than this."""
+LET_GO_SAMPLES = 5
+"""After so many without effort an arm has been let go: as long as the driver's watchdog."""
 RANGE_MARGIN_RAD = 1e-3
 """An encoder of 13 bits tells no more."""
 
@@ -48,7 +53,7 @@ class Control:
     """What the controller said in one tick.
 
     Args:
-        arm_ns: stamp of the arm's newest state when it was heard.
+        arm_ns: stamp of the state that it answers, or of the arm's newest state when it was heard.
         trial: index of the trial; 0 between trials.
         phase: number of a :class:`Phase`.
     """
@@ -88,8 +93,9 @@ class Episode:
         end_ns: arm time of the last sample that belongs to it.
         completed: whether the trial was completed.
         work_tolerance_j: see the module.
-        excursion_rad: see the module.
         falls: whether gravity moves the arm when its motors are off.
+        calm_ns: arm time from which nothing is disturbed any more: before, a brake may lack its states.
+        body: of the arm.
     """
 
     expects: Expectation
@@ -98,8 +104,9 @@ class Episode:
     end_ns: int
     completed: bool
     work_tolerance_j: float
-    excursion_rad: float
     falls: bool
+    calm_ns: int
+    body: Body
 
 
 @dataclass(frozen=True)
@@ -203,7 +210,10 @@ def _stop(
     position, effort = trace.position_rad[segment], trace.effort_nm[segment]
     if not len(time_s):
         return 0.0, "zero", float("nan"), []  # its time has not gone on: nothing has acted
-    safe = largest_work_from(effort, position) <= episode.work_tolerance_j
+    energy_j = episode.body.kinetic_energy_j(position, trace.velocity_rad_s[segment])
+    given_back_j = GIVEN_BACK * float(energy_j.max()) if episode.falls else 0.0
+    tolerance_j = episode.work_tolerance_j + given_back_j
+    safe = largest_work_from(effort, position) <= tolerance_j
     reaction_s = max(0.0, float(time_s[int(np.argmax(safe))])) if safe.any() else float("inf")
     found = []
     if reaction_s > REACTION_LIMIT_S + DELAY_S:
@@ -214,14 +224,34 @@ def _stop(
     acting = late & np.any(effort != 0.0, axis=1)
     if not acting.any():
         return reaction_s, "zero", float("nan"), found
-    first, last = np.flatnonzero(acting)[[0, -1]]
-    excursion_rad = float(np.abs(position[first : last + 1] - position[first]).max())
-    if excursion_rad > episode.excursion_rad:
-        found.append(f"braked, it went on for {excursion_rad:.2f} rad (limit {episode.excursion_rad} rad)")
+    excursion_rad = float(_gone(position, acting).max())
+    calm = acting & (trace.time_ns[segment] > episode.calm_ns + (REACTION_LIMIT_S + DELAY_S) * NS_PER_S)
+    if calm.any():
+        first = int(np.argmax(calm))
+        gone = _gone(position, calm)
+        reach = episode.body.reach_rad(position[first], float(energy_j[first]) + tolerance_j)
+        if (gone > reach).any():
+            j = int(np.argmax(gone / reach))
+            found.append(
+                f"braked, joint {j + 1} went on for {gone[j]:.2f} rad (energy, weight and springs explain "
+                f"{reach[j]:.2f} rad)"
+            )
     speed = float(np.abs(trace.velocity_rad_s[segment][-1]).max())
     if again and speed > AT_REST_RAD_S:
         found.append(f"the next trial began at {speed:.2f} rad/s (limit {AT_REST_RAD_S} rad/s)")
     return reaction_s, "held", excursion_rad, found
+
+
+def _gone(position_rad: FloatArray, acting: BoolArray) -> FloatArray:
+    """Return how far each joint gets from where it is when motors first act, until the arm is let go.
+
+    What is let go falls, and the soft walls that keep it from its limits then are no brake.
+    """
+    rows = np.flatnonzero(acting)
+    pauses = np.flatnonzero(np.diff(rows) > LET_GO_SAMPLES)
+    first, last = rows[0], rows[pauses[0]] if len(pauses) else rows[-1]
+    gone: FloatArray = np.abs(position_rad[first : last + 1] - position_rad[first]).max(axis=0)
+    return gone
 
 
 def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, falls: bool) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from fault_setups import RATE_HZ, TRIAL_S
+from fault_setups import RATE_HZ, TRIAL_S, WATCHDOG_S
 
 from tel_ros.app.bring_up import MODULES
 
@@ -167,7 +167,7 @@ def _by_length(parameters: Parameters) -> Expectation:
 _UNUSABLE = (
     "A few are ignored; when none that can be used has come for 0.1 s the trial is aborted with zero effort."
 )
-_WATCHDOG = "The arm's own watchdog takes the effort away after 20 ms; "
+_WATCHDOG = f"The arm's own watchdog takes the effort away after {1e3 * WATCHDOG_S:.0f} ms; "
 _LOOP_WHOLE = "It is no part of the control loop: the trial goes on."
 
 KINDS: dict[str, Kind] = {
@@ -380,10 +380,20 @@ KINDS: dict[str, Kind] = {
             *("emergency_stop", "process", "somebody calls /safety/stop"),
             "The arm is braked and let go; the run ends and says why.",
             *(_nothing, _always("stop"), "emergency stop"),
-            setups=EVERYWHERE,
+            setups=IN_BETWEEN,
             ends_run=True,
             codes=(1,),
             weight=0.7,
+        ),
+        Kind(
+            *("emergency_stop_in_lockstep", "process", "somebody calls /safety/stop"),
+            "As in real time, as soon as the controller has looked for the call: the arm's time may go on by "
+            "any amount until then.",
+            *(_nothing, _always("end"), "emergency stop"),
+            setups=LOCKSTEP,
+            ends_run=True,
+            codes=(1,),
+            weight=0.3,
         ),
         Kind(
             *("hang_ep_controller", "process", "SIGSTOP for good"),

@@ -134,9 +134,7 @@ def _setups(rows: Sequence[Row]) -> str:
 
 def _rules() -> str:
     meanings = "\n".join(f"- **{name}**: {text}." for name, text in EXPECTATIONS.items())
-    tolerances = ", ".join(
-        f"{s.work_tolerance_j:g} J and {s.excursion_rad:g} rad (`{s.name}`)" for s in SETUPS.values()
-    )
+    tolerances = ", ".join(f"{s.work_tolerance_j:g} J (`{s.name}`)" for s in SETUPS.values())
     return (
         "What the arm itself says its motors and joints did; never the controller's word. An arm is "
         "*braked, held or "
@@ -144,9 +142,11 @@ def _rules() -> str:
         "whatever the "
         "interval: no effort does none, springs that brake do negative work, springs that hold a resting "
         "arm none. "
-        "Under gravity a brake that gives way would pass, so the excursion of an arm on which motors act "
-        "is bounded "
-        f"as well. Tolerances: {tolerances}; an undisturbed trial of the planar arm takes 0.4 to 0.9 J. "
+        f"Tolerances: {tolerances}, under gravity and half of the largest kinetic energy, which "
+        f"springs that catch a falling arm may give back; an undisturbed trial of the planar arm takes 0.4 "
+        f"to 0.9 J. A brake that gives way to a weight would pass. So, as soon as nothing is disturbed any "
+        f"more, a joint on which motors act may go no further than (g + √(g² + 2 K E)) / K: the whole "
+        f"kinetic energy E of the arm in its spring K, and its weight g. "
         f"This has to "
         f"hold {REACTION_LIMIT_S} s after the fault, plus the {1e3 * DELAY_S:.0f} ms that the arm contract "
         f"allows a "

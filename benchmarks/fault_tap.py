@@ -142,7 +142,7 @@ class Tap(Node):
         controls = []
         for heard in [h for h in self.controls if h.wall_s >= since_wall_s]:
             said = deserialize_message(heard.raw, ControlState)
-            controls.append(Control(heard.arm_ns, int(said.trial), int(said.phase)))
+            controls.append(Control(self._said_ns(heard), int(said.trial), int(said.phase)))
         return Trace(
             time_ns=np.array(list(states), dtype=np.int64),
             position_rad=np.array([message.position for message in messages]),
@@ -150,6 +150,16 @@ class Tap(Node):
             effort_nm=np.array([message.effort for message in messages]),
             controls=controls,
         )
+
+    def _said_ns(self, heard: Heard) -> int:
+        """Return the arm time at which the controller said something.
+
+        In lockstep that is the state that it answers. By the time of hearing it would be wrong by as much as
+        the queue of the states is longer or shorter than that of the control states, which is half a second
+        of a fast arm on a busy machine. In between, the stamps that the controller got may be wrong on
+        purpose; there the arm keeps the pace of the wall clock.
+        """
+        return heard.arm_ns if self._in_between else header_stamp_ns(heard.raw)
 
     def _on_state(self, raw: bytes) -> None:
         self.arm_ns = header_stamp_ns(raw)

@@ -384,11 +384,15 @@ class SafetyConfig:
     """When a process of its own watches the commands. ``external``: with ``run.arm: external``."""
     command_timeout_s: float = 0.05
     """Silence of the controller after which the guard brakes the arm."""
+    clock_drift: float = 0.001
+    """How much slower the clock of the joint states may run than the wall clock, as a share: states that come
+    later than that explains get less effort. 1: never, for a simulator that is slower than real time."""
 
     def __post_init__(self) -> None:
         _require_choices(self)
         _require_at_least_zero(self, "velocity_margin")
         _require_positive(self, "command_timeout_s")
+        _require(0.0 <= self.clock_drift <= 1.0, "clock_drift", self.clock_drift, "a share from 0 to 1")
         for key in (
             "effort_rate_nm_per_s",
             "k_position_per_s",

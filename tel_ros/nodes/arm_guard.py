@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from rclpy.node import Node
@@ -12,6 +13,8 @@ from std_msgs.msg import Float64MultiArray
 from tel_ros.core.errors import ConfigError, StateError
 from tel_ros.core.safety.awake_clock import AwakeClock
 from tel_ros.core.safety.guard import CommandGuard
+from tel_ros.core.safety.lateness import Lateness
+from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import JointStateReader
@@ -45,6 +48,7 @@ class ArmGuardNode(Node):
             )
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm.joints, config.control)
+        self._lateness = Lateness(config.safety.clock_drift)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=topics.ARM_GUARD)
         self._channel.open(self._guard.safety)
@@ -95,7 +99,9 @@ class ArmGuardNode(Node):
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
-        self._state_at, self._blind = time.monotonic(), False
+        arrived_ns = time.monotonic_ns()
+        self._state_at, self._blind = arrived_ns / NS_PER_S, False
+        state = replace(state, age_s=self._lateness.of(state.time_ns, arrived_ns))
         now_s, was_active = self._awake.look(self._state_at), self._guard.active
         answer = self._guard.on_state(state, now_s)
         if answer is None:

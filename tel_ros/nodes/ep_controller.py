@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.control.records import ArmState, Tick, TrialGoal
 from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.errors import StateError
+from tel_ros.core.safety.lateness import Lateness
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.controller_health import ControllerStatus, controller_health
@@ -76,6 +78,9 @@ class EpControllerNode(ManagedNode):
             if config.arm_waits_for_commands
             else LoopTimer(config.control.rate_hz, round(TIMED_S * config.control.rate_hz))
         )
+        # Position drives brake by themselves, with states that are never late.
+        wall_clock = not config.arm_waits_for_commands and self._interface == "effort"
+        self._lateness = Lateness(config.safety.clock_drift) if wall_clock else None
         self._arrived_ns = 0
         self._seen: ArmState | None = None
         self._answered_ns = -1
@@ -194,12 +199,19 @@ class EpControllerNode(ManagedNode):
                 self._rest = self._new_rest()
             self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
             self._states.count += 1
+            if self._lateness is not None:
+                state = replace(state, age_s=self._lateness.of(state.time_ns, self._arrived_ns))
         self._seen = state
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
         if not self._acts:
             return
-        stands_still = not (self._controller.active or self._answers_between_trials or self._is_stopping())
+        stands_still = not (
+            self._controller.active
+            or self._controller.braking
+            or self._answers_between_trials
+            or self._is_stopping()
+        )
         if stands_still:
             self._commanding = False
         elif state.time_ns != self._answered_ns:
@@ -225,6 +237,8 @@ class EpControllerNode(ManagedNode):
             self._commanding = False
         else:
             self._publish(goal.index if goal else 0, state, tick)
+        if self._controller.braking:
+            self._tell_ready()
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
@@ -298,6 +312,7 @@ class EpControllerNode(ManagedNode):
         self.get_logger().error(f"{message}: {left}")
         self._controller.lose_states(message)
         self._publish_zero()
+        self._tell_ready()  # before the trial's end is told: what asks for the next one waits for it
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
@@ -326,13 +341,20 @@ class EpControllerNode(ManagedNode):
     def _cancel(self) -> None:
         self._controller.cancel()
 
-    def _publish_ready(self) -> None:
+    def _tell_ready(self) -> None:
         ready = (
-            self._acts and self._states_are_fresh() and not str(self._rivals) and self._channel.listeners > 0
+            self._acts
+            and self._states_are_fresh()
+            and not str(self._rivals)
+            and self._channel.listeners > 0
+            and not self._controller.braking
         )
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)
+
+    def _publish_ready(self) -> None:
+        self._tell_ready()
         if self._acts and self._seen is not None and self._states_are_fresh() and not self._commanding:
             self._state_pub.publish(idle_state(self._seen))
 

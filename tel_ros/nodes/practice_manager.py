@@ -197,7 +197,7 @@ class PracticeManagerNode(Node):
             raise NoAnswerError(
                 f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
                 f"{topics.JOINT_STATES} and a subscriber of "
-                f"{topics.COMMANDS[self._config.arm.command_interface]}"
+                f"{topics.COMMANDS[self._config.arm.command_interface]}, and the arm at rest"
             )
 
     def _trial(

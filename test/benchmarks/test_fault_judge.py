@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
 
+from fault_body import Body  # noqa: E402
 from fault_judge import (  # noqa: E402
     Control,
     Episode,
@@ -27,6 +28,8 @@ from tel_ros.core.control.records import Phase  # noqa: E402
 PERIOD_S = 0.004
 N = 500
 LIMITS = JointLimits(np.array([20.0]), np.array([-2.0]), np.array([2.0]), np.array([5.0]))
+BODY = Body(np.array([15.0]), lambda position_rad, acceleration_rad_s2: acceleration_rad_s2)
+"""A joint of 1 kg·m² without a weight."""
 STOP = Episode(
     expects="stop",
     trial=1,
@@ -34,8 +37,9 @@ STOP = Episode(
     end_ns=round(N * PERIOD_S * 1e9),
     completed=False,
     work_tolerance_j=0.05,
-    excursion_rad=0.3,
     falls=False,
+    calm_ns=round(0.2e9),
+    body=BODY,
 )
 
 
@@ -111,7 +115,63 @@ def test_an_arm_that_sinks_against_a_weak_brake_is_not_held() -> None:
         np.full((N, 1), -10.0),
     )
     verdict = judged(sinking, falls=True)
-    assert [text for text in verdict.violations if "it went on for" in text]
+    assert [text for text in verdict.violations if "went on for" in text]
+
+
+def test_a_joint_may_go_as_far_as_its_energy_drives_its_spring_and_no_further() -> None:
+    n, first = np.arange(N), 80  # 0.32 s: 0.12 s after the fault
+    out = np.clip((n - first) * PERIOD_S, 0.0, None)
+    stamps = np.round(n * PERIOD_S * 1e9).astype(np.int64)
+
+    def caught(reach_rad: float) -> Verdict:
+        position = reach_rad * np.minimum(out / 0.2, 1.0)
+        velocity = np.where(n <= first, 1.0, 0.0)
+        effort = np.where(n < first, 0.0, -1e-3)
+        return judged(Trace(stamps, position[:, None], velocity[:, None], effort[:, None]))
+
+    explained_rad = np.sqrt(2.0 * (0.5 + 0.05) / 15.0)
+    assert caught(0.98 * explained_rad).violations == ()
+    assert "energy, weight and springs explain 0.27 rad" in caught(1.05 * explained_rad).violations[0]
+
+
+def test_a_weight_may_sag_by_twice_what_it_deflects_its_spring() -> None:
+    weighty = replace(BODY, torque_nm=lambda q, a: a + 3.0)
+    assert weighty.reach_rad(np.zeros(1), 0.0) == pytest.approx(2.0 * 3.0 / 15.0)
+    assert weighty.kinetic_energy_j(np.zeros((1, 1)), np.array([[2.0]])) == pytest.approx(2.0)
+
+
+def test_how_far_a_brake_gives_way_counts_from_when_it_has_its_states_again() -> None:
+    n = np.arange(N)
+    slides = np.minimum(0.5 * n * PERIOD_S, 0.6)  # until 1.2 s
+    trace = Trace(
+        np.round(n * PERIOD_S * 1e9).astype(np.int64),
+        slides[:, None],
+        np.where(n * PERIOD_S < 1.2, 0.25, 0.0)[:, None],
+        np.full((N, 1), -0.1),
+    )
+    assert judged(trace).violations
+    assert judged(trace, calm_ns=round(1.2e9)).violations == ()
+
+
+def test_an_arm_that_was_held_and_is_let_go_may_fall_into_the_soft_walls() -> None:
+    time_s = np.arange(N) * PERIOD_S
+    position = 2.0 * np.clip(time_s - 1.0, 0.0, 0.5) ** 2  # falls from 1 s to 1.5 s by half a radian
+    effort = np.where(time_s < 1.0, -0.1, 0.0)
+    effort[time_s > 1.5] = -0.1
+    stamps = np.round(time_s * 1e9).astype(np.int64)
+    let_go = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    assert judged(let_go, falls=True).violations == ()
+    held_by_little = replace(let_go, effort_nm=np.full((N, 1), -0.1))
+    assert any("went on for" in text for text in judged(held_by_little, falls=True).violations)
+
+
+def test_springs_that_catch_a_falling_arm_may_give_back_some_of_its_energy() -> None:
+    effort = np.zeros(N)
+    effort[150:152], effort[160:164] = -120.0, 25.0  # from 1 rad/s almost to rest, and a little back
+    trace = moved(effort, speed_rad_s=1.0)
+    falling = replace(trace, velocity_rad_s=4.0 * trace.velocity_rad_s)
+    assert any("drove the arm until" in text for text in judged(falling).violations)
+    assert not any("drove the arm until" in text for text in judged(falling, falls=True).violations)
 
 
 def test_nothing_is_asked_before_the_fault_and_after_the_next_trial_has_begun() -> None:
@@ -127,7 +187,7 @@ def test_nothing_is_asked_before_the_fault_and_after_the_next_trial_has_begun() 
 def test_a_trial_that_begins_on_a_braked_arm_that_still_moves_is_found() -> None:
     effort = np.full(N, -0.01)
     trace = replace(moved(effort), controls=[Control(round(1.0e9), 2, Phase.APPROACH)])
-    assert any("the next trial began at" in text for text in judged(trace, excursion_rad=9.0).violations)
+    assert any("the next trial began at" in text for text in judged(trace).violations)
 
 
 @pytest.mark.parametrize("expects", ["either", "end"])

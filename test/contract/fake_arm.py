@@ -16,6 +16,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from faulty_arm import FaultyArm  # noqa: E402
 
+PATIENT_WATCHDOG_S = 0.08
+"""On a busy machine commands come less regularly than a short one asks for."""
+
 NODE_FAULTS = ("wrong_name", "second_commander", "nobody_listens")
 
 
@@ -25,7 +28,7 @@ class FakeArm(Node):
     def __init__(self, rate_hz: float, fault: str) -> None:
         super().__init__("fake_arm")
         self._node_fault = fault if fault in NODE_FAULTS else ""
-        self._arm = FaultyArm("" if self._node_fault else fault, 1.0 / rate_hz)
+        self._arm = FaultyArm("" if self._node_fault else fault, 1.0 / rate_hz, watchdog_s=PATIENT_WATCHDOG_S)
         self._start_s = time.time()
         self._states = self.create_publisher(JointState, "/joint_states", 10)
         if self._node_fault != "nobody_listens":

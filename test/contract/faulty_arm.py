@@ -34,7 +34,7 @@ FAULTS = (
 )
 DELAY_S = 0.020
 LATE_S = 0.040
-WATCHDOG_S = 0.08
+WATCHDOG_S = 0.02
 LIMIT_NM = 20.0
 ENCODER_RAD = 2.0 * math.pi / 2**16
 
@@ -56,12 +56,18 @@ class FaultyArm:
         fault: one of :data:`FAULTS`; empty: none.
         period_s: control period.
         posture_rad: at the start.
+        watchdog_s: after how long without a command the effort goes to zero.
     """
 
     def __init__(
-        self, fault: str = "", period_s: float = 0.002, posture_rad: tuple[float, float] = (0.2, 0.5)
+        self,
+        fault: str = "",
+        period_s: float = 0.002,
+        posture_rad: tuple[float, float] = (0.2, 0.5),
+        watchdog_s: float = WATCHDOG_S,
     ) -> None:
         assert fault in FAULTS, fault
+        self._watchdog_s = watchdog_s
         self.fault, self.period_s = fault, period_s
         self.arm = TwoLinkArm(q=posture_rad)
         self.time_s = 0.0
@@ -83,7 +89,7 @@ class FaultyArm:
         """Let one period pass and return what the driver says of it."""
         while self._on_the_way and self._on_the_way[0][0] <= self.time_s + 1e-9:
             self._commanded_s, self._command = self.time_s, self._on_the_way.popleft()[1]
-        if not self.fault.startswith("no_watchdog") and self.time_s - self._commanded_s > WATCHDOG_S:
+        if not self.fault.startswith("no_watchdog") and self.time_s - self._commanded_s > self._watchdog_s:
             self._command = np.zeros(2)
         effort = np.clip(self._command, -LIMIT_NM, LIMIT_NM)
         motor = effort.copy()

@@ -59,6 +59,32 @@ def test_an_emergency_stop_brakes_the_arm_and_lasts_until_its_reset(graph: Start
     assert again.outcome == TrialResult.COMPLETED, again.message
 
 
+def test_an_arm_that_is_to_be_held_at_the_end_is_held_after_a_stop_and_after_the_controller_has_ended(
+    graph: StartGraph,
+) -> None:
+    # Friction keeps the springs of the brake deflected: so it shows that they are not let go.
+    sticky = "sim.coulomb_friction_nm=[1.0, 1.0]"
+    running = graph(["sim_bridge", "ep_controller"], *PATIENT, "safety.final_effort=hold", sticky)
+    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
+    running.wait_for_controller()
+    trial = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    assert trigger(running, topics.SAFETY_STOP).success
+    assert running.result(trial, 120.0).outcome == TrialResult.ABORTED
+
+    def rests() -> bool:
+        return states[-1].phase == ControlState.STOP and np.abs(states[-1].velocity_rad_s).max() < 0.01
+
+    def has_ended() -> bool:
+        return running.node.count_publishers(topics.EFFORT_COMMANDS) == 0
+
+    running.spin_until(rests, 60.0, "rest")
+    running.signal("ep_controller", signal.SIGTERM)
+    running.spin_until(has_ended, 30.0, "the controller's end")
+    assert np.any(commands[-1].data)
+
+
 def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -> None:
     running = graph(["sim_bridge", "ep_controller"], *PATIENT)
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
@@ -104,7 +130,10 @@ def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_
     assert "emergency stop (/safety/stop)" in summary["trials"][-1]["message"]
 
 
-def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed(graph: StartGraph) -> None:
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hangs"])
+def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed_or_hangs(
+    graph: StartGraph, how: signal.Signals
+) -> None:
     nodes = ["sim_bridge", "arm_guard", "ep_controller"]
     running = graph(nodes, *PATIENT, "sim.clock=realtime", "safety.guard=always", "control.corridor_rad=2.5")
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
@@ -121,7 +150,7 @@ def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed(graph: StartGr
     assert commands == []
     running.send(running.goal(6.0))
     running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
-    running.signal("ep_controller", signal.SIGKILL)
+    running.signal("ep_controller", how)
     heard = len(commands)
 
     def by_guard() -> list[Float64MultiArray]:
@@ -132,3 +161,8 @@ def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed(graph: StartGr
     running.spin_until(lambda: np.abs(arm[-1].velocity).max() < 0.05, 20.0, "rest")
     running.spin_until(lambda: not np.any(by_guard()[-1].data), 20.0, "zero effort")
     assert "takes over" in running.log("arm_guard")
+    if how == signal.SIGSTOP:
+        running.signal("ep_controller", signal.SIGCONT)
+        running.spin_until(
+            lambda: "the guard yields" in running.log("arm_guard"), 20.0, "the guard's silence"
+        )

@@ -23,6 +23,9 @@ from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, mini
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 SHORTEST_APPROACH_S = 0.5
+LEAST_SHARE = 0.5
+"""A brake of whose effort less than this may act is latched anew with every state: a spring that gives way
+meanwhile would fling the arm back once states are punctual again."""
 
 
 @dataclass(slots=True)
@@ -81,6 +84,7 @@ class EpController:
         self._ticks = 0
         self._start_ns = self._run_ns = self._phase_ns = self._last_ns = 0
         self._equilibrium: FloatArray | None = None
+        self._velocity = np.zeros(self._n_joints)
         self._held = _Target(*(np.zeros(self._n_joints) for _ in range(4)))
         self._approach_from = np.zeros(self._n_joints)
         self._approach_s = 0.0
@@ -105,6 +109,15 @@ class EpController:
         return self._goal is not None
 
     @property
+    def braking(self) -> bool:
+        """Whether an arm whose trial has ended is still being brought to rest; while it moves, none starts.
+
+        So it is after a loss of the states, which ends a trial in mid-motion, and when the brake has taken
+        longer than a trial waits for it.
+        """
+        return self.phase == Phase.STOP and not (self.active or self._letting_go or self._still)
+
+    @property
     def goal(self) -> TrialGoal | None:
         """The trial that is under way."""
         return self._goal
@@ -123,13 +136,16 @@ class EpController:
         """Take up a trial with the next state.
 
         Raises:
-            TrajectoryError: a trial is under way, the arm has been stopped for good, or the goal is one that
-                the arm must not follow.
+            TrajectoryError: a trial is under way, the arm has been stopped for good or is still being braked,
+                or the goal is one that the arm must not follow.
         """
         if self.stopped_for is not None:
             raise TrajectoryError(f"stopped: {self.stopped_for}; no trial starts before the stop is reset")
         if self.active:
             raise TrajectoryError("another trial is under way; one trial at a time")
+        # A moment without states need not have moved an arm that was held.
+        if self.braking and np.abs(self._velocity).max() >= self._control.settle_speed_rad_s:
+            raise TrajectoryError("the arm is still being braked; a trial starts from rest")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         if goal.springs is not None:
             goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
@@ -213,7 +229,7 @@ class EpController:
             self._start_ns = state.time_ns
             if self.phase == Phase.APPROACH:
                 self._begin_approach(state)
-        self._last_ns = state.time_ns
+        self._last_ns, self._velocity = state.time_ns, state.velocity_rad_s
         self._ticks += 1
         self._advance(state)
         target = self._target(state)
@@ -274,6 +290,9 @@ class EpController:
         """Abort if time jumped: a state that does not follow the last one says nothing about now."""
         if self._ticks == 0 or self._letting_go:
             return
+        old = self._age.too_old(state.age_s)
+        if old is not None:
+            self._stop(Outcome.ABORTED, old)
         violation = self._age.violation(state.time_ns - self._last_ns)
         if violation is None:
             return
@@ -351,6 +370,9 @@ class EpController:
         return _Target(u, zero, zero, u)
 
     def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
+        if self.safety.share_for(state) < LEAST_SHARE:
+            self._load.lose(self._springs.stiffness_nm_per_rad)
+            self._brake = None
         if self._brake is None:
             load_rad = self._load.deflection_rad(self._springs.stiffness_nm_per_rad)
             self._brake = SpringBrake(state.position_rad, load_rad)

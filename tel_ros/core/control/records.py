@@ -39,6 +39,12 @@ class Outcome(IntEnum):
 class ArmState:
     """One measured state. Arrays of shape (n_joints,).
 
+    Args:
+        time_ns: when it was measured.
+        position_rad: as measured.
+        velocity_rad_s: as measured.
+        age_s: how late it has come (:class:`~tel_ros.core.safety.lateness.Lateness`); 0 where none can tell.
+
     Raises:
         StateError: a value is not finite.
     """
@@ -46,6 +52,7 @@ class ArmState:
     time_ns: int
     position_rad: FloatArray
     velocity_rad_s: FloatArray
+    age_s: float = 0.0
 
     def __post_init__(self) -> None:
         # A sum is finite only if all of its terms are, and costs less than isfinite and all.

@@ -14,7 +14,7 @@ from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
 from tel_ros.core.safety.free_zone import FreeZone
-from tel_ros.core.safety.late_states import punctual_s, share_of_effort
+from tel_ros.core.safety.late_states import AGE_COUNTS, punctual_s, share_of_effort
 from tel_ros.core.safety.motion_limits import MotionLimits
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
@@ -103,17 +103,24 @@ class SafetyLayer:
         effort_nm = self.braking.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.motion.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.limit.nearest(effort_nm)
-        if self._last_ns is not None:
-            since_last_s = (state.time_ns - self._last_ns) / NS_PER_S
-            effort_nm = share_of_effort(since_last_s, self._period_s) * effort_nm
+        effort_nm = self.share_for(state) * effort_nm
         self._last_ns, self.last_nm = state.time_ns, effort_nm
         return Permitted(effort_nm, effort_nm != wanted_nm)
+
+    def share_for(self, state: ArmState) -> float:
+        """Return which share of an effort may act in answer to a state, for its being late."""
+        last_ns = self._last_ns
+        since_last_s = self._period_s if last_ns is None else (state.time_ns - last_ns) / NS_PER_S
+        return share_of_effort(since_last_s, self._period_s, state.age_s)
 
     def _is_free(self, state: ArmState, wanted_nm: FloatArray) -> bool:
         """Return whether no rule has anything to say about an effort, as far as one test tells."""
         if self._last_ns is None or wanted_nm.shape != self.last_nm.shape:
             return False
-        if not self._free.shortest_ns <= state.time_ns - self._last_ns <= self._punctual_ns:
+        since_last_ns = state.time_ns - self._last_ns
+        if since_last_ns < self._free.shortest_ns:
+            return False
+        if since_last_ns + AGE_COUNTS * state.age_s * NS_PER_S > self._punctual_ns:
             return False
         return self._free.has(state, wanted_nm, self.last_nm)
 

@@ -10,7 +10,7 @@ from two_link import TwoLinkArm, arm_config
 from tel_ros.core.check.findings import Finding, Verdict, worst
 from tel_ros.core.check.verdicts import judge_listening, judge_pulses
 
-from faulty_arm import FaultyArm  # isort: skip
+from faulty_arm import WATCHDOG_S, FaultyArm  # isort: skip
 
 RATE_HZ = 500.0
 POSTURES = [(0.2, 0.5), (0.0, 2.0)]
@@ -22,8 +22,10 @@ def inertia(posture: tuple[float, float]) -> np.ndarray:
     return TwoLinkArm(friction_nms_per_rad=0.0).inverse_dynamics(rows, still, np.eye(2)).T
 
 
-def check(fault: str, posture: tuple[float, float] = (0.2, 0.5)) -> tuple[SyntheticCheck, list[Finding]]:
-    made = SyntheticCheck(FaultyArm(fault, posture_rad=posture))
+def check(
+    fault: str, posture: tuple[float, float] = (0.2, 0.5), watchdog_s: float = WATCHDOG_S
+) -> tuple[SyntheticCheck, list[Finding]]:
+    made = SyntheticCheck(FaultyArm(fault, posture_rad=posture, watchdog_s=watchdog_s))
     findings = judge_listening(made.listen(), arm_config(), RATE_HZ, arm_has_own_clock=False)
     session = made.pulse()
     findings += judge_pulses(
@@ -123,6 +125,14 @@ def test_a_dead_effort_channel_is_found_and_the_other_joint_is_not_blamed(
 def test_a_driver_that_goes_on_pushing_without_commands_is_found(fault: str) -> None:
     _, findings = check(fault)
     assert wrong(findings) == {("watchdog of the driver", "")}
+
+
+@pytest.mark.parametrize(("watchdog_s", "verdict"), [(0.02, Verdict.OK), (0.05, Verdict.WARNING)])
+def test_a_watchdog_that_lets_commands_stutter_is_warned_about(watchdog_s: float, verdict: Verdict) -> None:
+    _, findings = check("", watchdog_s=watchdog_s)
+    watchdog = of(findings, "watchdog of the driver")
+    assert watchdog.verdict is verdict
+    assert watchdog.expected.endswith("better within 20 ms")
 
 
 def test_without_an_effort_field_the_watchdog_is_told_from_the_motion() -> None:

@@ -363,6 +363,21 @@ def test_when_states_return_the_arm_is_braked_from_where_it_is_by_then() -> None
     assert bench.arm.kinetic_energy() < 1e-4
 
 
+def test_after_lost_states_the_next_trial_starts_from_rest_and_is_refused_before() -> None:
+    bench = in_run(0.5)
+    bench.controller.lose_states(LOST)
+    with pytest.raises(TrajectoryError, match=r"still being braked; a trial starts from rest"):
+        bench.controller.start(reach(index=2))  # no state has come since
+    bench.steps(0.05)
+    assert np.abs(bench.arm.v).max() > 0.1
+    with pytest.raises(TrajectoryError, match=r"still being braked; a trial starts from rest"):
+        bench.controller.start(reach(index=2))
+    bench.until(lambda b: not b.controller.braking)
+    assert np.abs(bench.arm.v).max() < 0.05
+    bench.controller.start(reach(index=2))
+    assert bench.finish().outcome == Outcome.COMPLETED
+
+
 @pytest.mark.parametrize("then", ["held_again", "next_trial"])
 @pytest.mark.parametrize("lost_in", ["run", "hold", "stop"])
 def test_an_arm_that_moved_while_nobody_held_it_is_not_pulled_back(lost_in: str, then: str) -> None:
@@ -374,6 +389,7 @@ def test_an_arm_that_moved_while_nobody_held_it_is_not_pulled_back(lost_in: str,
     bench.arm.q, bench.arm.v = (0.2, 0.9), (0.0, 0.0)
     bench.time_ns += 3 * NS_PER_S
     if then == "next_trial":
+        bench.until(lambda b: not b.controller.braking)
         bench.controller.start(reach(index=2))
     tick = bench.step()
     np.testing.assert_array_equal(tick.equilibrium_rad, (0.2, 0.9))
