@@ -28,6 +28,7 @@ from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.safety.limits import Limits
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
+from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
@@ -83,14 +84,43 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
         KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
     """
     check_before_moving(config)
-    if config.run.arm == "sim":
-        # The simulated arm concerns nobody else on the network.
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    _keep_to_this_machine(config)
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
         with NodeProcesses(folder / CONFIG_FILE, node_names(config), folder / LOG_FOLDER) as processes:
             return _run(node, executor, processes, folder, on_feedback)
+
+
+def resume(
+    folder: Path, on_prepared: Callable[[Resumption], None], on_feedback: OnFeedback
+) -> Practice.Result:
+    """Go on with a run that was interrupted, after its last whole trial.
+
+    Args:
+        folder: of the run.
+        on_prepared: called with what the run goes on from, before any node is started.
+        on_feedback: as for :func:`practise`.
+
+    Raises:
+        As for :func:`practise`; and InputFileError also if the run is finished.
+    """
+    config = resumed_config(folder)
+    check_before_moving(config)
+    _keep_to_this_machine(config)
+    with _client_node() as (node, executor):
+        # The nodes of the run may still be on their way to bring the arm to rest.
+        _refuse_second_graph(node, executor, config)
+        on_prepared(prepare_to_resume(folder, config))
+        names, logs = node_names(config), folder / LOG_FOLDER
+        with NodeProcesses(folder / CONFIG_FILE, names, logs, resume=True) as processes:
+            return _run(node, executor, processes, folder, on_feedback)
+
+
+def _keep_to_this_machine(config: Config) -> None:
+    if config.run.arm == "sim":
+        # The simulated arm concerns nobody else on the network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 @contextmanager

@@ -87,6 +87,12 @@ def trial_bag(folder: Path, index: int) -> Path:
     return folder / f"trial_{index:03d}"
 
 
+def trial_bags(folder: Path) -> list[Path]:
+    """Return the bags in the folder of a run, in the order of the trials."""
+    bags = [bag for bag in folder.glob("trial_*") if bag.name.removeprefix("trial_").isdigit()]
+    return sorted(bags, key=lambda bag: int(bag.name.removeprefix("trial_")))
+
+
 def network_after(folder: Path, index: int) -> Path:
     """Return the file of the network as it was after a trial; 0: as the run began."""
     return folder / "network" / f"after_{index:03d}.npz"
@@ -100,7 +106,7 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """
     file = folder / SUMMARY_FILE
     try:
-        write_atomically(file, json.dumps(_json_ready(summary), indent=2) + "\n")
+        write_atomically(file, json.dumps(json_ready(summary), indent=2) + "\n")
     except OSError as error:
         raise InputFileError(file, f"cannot be written ({error})", "room on the disk") from error
 
@@ -131,11 +137,12 @@ def write_atomically(path: Path, text: str) -> None:
     beside.replace(path)
 
 
-def _json_ready(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
+    """Return nested values as JSON can hold them: numbers that are not finite become null."""
     if isinstance(value, dict):
-        return {key: _json_ready(item) for key, item in value.items()}
+        return {key: json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_json_ready(item) for item in value]
+        return [json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
