@@ -181,12 +181,14 @@ class PractisedTrial:
 
     Args:
         plan: what was to be tried.
+        goal: what the controller was asked to do.
         trial: what was done.
         learner: as it was after the trial.
         training: what learning did; None if there was nothing to learn from.
     """
 
     plan: PlannedTrial
+    goal: TrialGoal
     trial: OfflineTrial
     learner: Learner
     training: TrainingOutcome | None
@@ -288,7 +290,7 @@ class OfflinePractice:
         learns = is_learned_from(report.outcome, report.run_ns > 0, on_abort)
         training = self._learn(trial) if learns else None
         self._learner_after[plan.index] = self.learner
-        return PractisedTrial(plan, trial, self.learner, training)
+        return PractisedTrial(plan, goal, trial, self.learner, training)
 
     def _inputs(self, desired: DesiredTrajectory) -> FloatArray:
         return query_inputs(desired, 1.0 / self._config.control.rate_hz)

@@ -30,6 +30,7 @@ from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
+from tel_ros.recording.run_lock import run_lock
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 DISCOVERY_S = 1.5
@@ -88,7 +89,8 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
-        with NodeProcesses(folder / CONFIG_FILE, node_names(config), folder / LOG_FOLDER) as processes:
+        names, logs = node_names(config), folder / LOG_FOLDER
+        with run_lock(folder), NodeProcesses(folder / CONFIG_FILE, names, logs) as processes:
             return _run(node, executor, processes, folder, on_feedback)
 
 
@@ -108,7 +110,7 @@ def resume(
     config = resumed_config(folder)
     check_before_moving(config)
     _keep_to_this_machine(config)
-    with _client_node() as (node, executor):
+    with run_lock(folder), _client_node() as (node, executor):
         # The nodes of the run may still be on their way to bring the arm to rest.
         _refuse_second_graph(node, executor, config)
         on_prepared(prepare_to_resume(folder, config))

@@ -40,9 +40,10 @@ if TYPE_CHECKING:
 def train(bags: tuple[Path, ...], out: Path, force: bool, overrides: tuple[str, ...], as_json: bool) -> None:
     """Rebuild the network from BAGs alone, in the order given.
 
-    A BAG is a trial's folder; the folder of a run stands for all its trials. Everything else that it takes is
-    in the bags. With the recorded settings the network becomes, bit for bit, the one that the run has left.
-    Bags of different arms are refused, and so are unfinished, recovered and damaged ones. Nothing of ROS runs.
+    A BAG is a trial's folder; the folder of a run stands for all its trials. Everything else that it takes
+    is in the bags. With the recorded settings the network becomes, bit for bit, the one that the run has
+    left. Bags of different arms are refused, and so are unfinished, recovered and damaged ones. Nothing of
+    ROS runs.
     """
     from tel_ros.app.train import train as train_on  # late: `tel --help` needs no learners
 

@@ -50,13 +50,11 @@ from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
-from tel_ros.recording.config_file import dump_config
 from tel_ros.recording.earlier_trials import EarlierTrials, earlier_trials
 from tel_ros.recording.resumption import written_config
-from tel_ros.recording.retraining import GO_BACK_TO, REVISION
 from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
-from tel_ros.recording.stored_files import stored_files
 from tel_ros.recording.summary import RunSummary, TrialRow
+from tel_ros.recording.trial_metadata import trial_metadata
 from tel_ros.recording.trial_report import to_report
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
@@ -223,7 +221,7 @@ class PracticeManagerNode(Node):
         if plan.go_back_to is not None:
             self._load_network(network_after(folder, plan.go_back_to))
         goal, revision = self._goal(plan)
-        metadata = self._metadata(plan, revision)
+        metadata = trial_metadata(plan, self._config, self._written, revision)
         self._wait_for_arm(self._config.run.arm_timeout_s)  # who may have stood still since the last trial
         progress.stage("recording")
         self._call(
@@ -341,21 +339,6 @@ class PracticeManagerNode(Node):
 
     def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:
         return self._stopping or goal_handle.is_cancel_requested
-
-    def _metadata(self, plan: PlannedTrial, network_revision: str) -> dict[str, str]:
-        return {
-            "config": dump_config(self._written),
-            "strategy": self._config.practice.strategy,
-            "trial": str(plan.index),
-            "alpha": repr(plan.alpha),
-            "duration_s": repr(plan.movement.own_duration_s),
-            "reason": plan.reason,
-            "seed": str(self._config.seed),
-            GO_BACK_TO: "" if plan.go_back_to is None else str(plan.go_back_to),
-            REVISION: network_revision,
-            **{f"version.{name}": version for name, version in self._written.versions.items()},
-            **stored_files(self._config, plan.index),
-        }
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """What a practice run had done before it was interrupted.
 
 A strategy is a state machine without clock, files or chance: fed once more with what came out of the trials,
-and with forecasts of the networks that there were, it is where it was. What it plans on the way has to be what
-was done.
+and with forecasts of the networks that there were, it is where it was. What it plans on the way has to be
+what was done.
 """
 
 from __future__ import annotations

@@ -16,11 +16,7 @@ from tel_ros.recording.network_file import revision
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bag, trial_bags
 from tel_ros.recording.same_arm import require_same_arm
 from tel_ros.recording.trial_bag import RecordedTrial, read_metadata, read_trial
-
-GO_BACK_TO = "go_back_to"
-"""Key in a bag's metadata: the trial whose network was gone back to before this one; empty: none."""
-REVISION = "network_revision"
-"""Key in a bag's metadata: of the network that has said what to command."""
+from tel_ros.recording.trial_metadata import GO_BACK_TO, REVISION
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The files that a run's configuration names, stored in each bag: so bags alone tell what learning began with.
+"""The files that a run's configuration names, stored in each bag: bags alone tell what learning began with.
 
 Text files are stored as they are. An earlier network (``learning.start_from``) is stored in Base64, and only
 in the bag of the first trial: learning begins there.
