@@ -11,18 +11,21 @@ from graph_harness import PAPER, PATIENT, TelProcess, summary_of, wait_until
 from tel_ros.recording.run_folder import NETWORK_FILE
 
 Tel = Callable[..., TelProcess]
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.timeout(600)
+
+FINISH_S = 180.0
 
 SHORT = (
     *("practice.trials=2", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
     *("control.approach_speed_rad_s=1.5", "sim.position_noise_rad=0.0001", "sim.command_delay_s=0.004"),
+    *("control.settle_time_s=0.2", "learning.gaussians_per_input=5"),
     *PATIENT,
 )
 
 
 def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_path: Path) -> None:
     whole = tel(*SHORT, name="whole")
-    code, out, err = whole.finish()
+    code, out, err = whole.finish(FINISH_S)
     assert code == 0, err
     expected = summary_of(out)
 
@@ -36,7 +39,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_pat
     resume = ["practice", "--resume", str(killed.folder), "--no-report", "--json"]
     resumed = TelProcess(resume, killed.folder, {})
     try:
-        code, out, err = resumed.finish()
+        code, out, err = resumed.finish(FINISH_S)
     finally:
         resumed.kill()
     assert code == 0, err
@@ -52,7 +55,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_pat
     assert network == (whole.folder / NETWORK_FILE).read_bytes()
 
     again = TelProcess(resume, killed.folder, {})
-    code, out, err = again.finish()
+    code, out, err = again.finish(FINISH_S)
     assert (code, out) == (2, "")
     assert "the run is finished: completed, 2 trials" in err
 
