@@ -61,7 +61,16 @@ class SimBridgeNode(Node):
         )
         command_topic = topics.COMMANDS[config.arm.command_interface]
         run = declare_resume(self)
-        self._arm, self._start_ns = (new_arm(), 0) if run is None else replay_arm(new_arm, run, command_topic)
+        self._start_ns = 0
+        if run is None:
+            self._arm = new_arm()
+        else:
+            # Imported late: an arm that begins anew needs no bags, and should not wait for their reader.
+            from tel_ros.recording.arm_record import read_arm_record
+            from tel_ros.recording.run_folder import trial_bags
+
+            trials = (read_arm_record(bag, command_topic) for bag in trial_bags(run))
+            self._arm, self._start_ns = replay_arm(new_arm, trials)
         if self._lockstep and self._start_ns:
             self.get_logger().warning(RESTS)
         self._message = JointState(name=list(config.arm.joints))

@@ -50,9 +50,14 @@ from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
-from tel_ros.recording.earlier_trials import EarlierTrials, earlier_trials
-from tel_ros.recording.resumption import written_config
-from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
+from tel_ros.recording.run_folder import (
+    NETWORK_FILE,
+    network_after,
+    open_run_folder,
+    trial_bag,
+    written_config,
+)
+from tel_ros.recording.run_state import RunState
 from tel_ros.recording.summary import RunSummary, TrialRow
 from tel_ros.recording.trial_metadata import trial_metadata
 from tel_ros.recording.trial_report import to_report
@@ -144,10 +149,10 @@ class PracticeManagerNode(Node):
             folder = Path(goal_handle.request.run_dir)
             resumes = self._resumed is not None and folder.resolve() == self._resumed.resolve()
             self._written = written_config(folder) if resumes else open_run_folder(folder, self._config)
-            earlier = earlier_trials(folder, self._config)
+            state = self._earlier(folder) if resumes else RunState.new(self._config)
             summary = RunSummary(folder, self._written)
-            summary.rows = list(earlier.rows)
-            self._run(goal_handle, folder, summary, earlier, result)
+            summary.rows = list(state.rows)
+            self._run(goal_handle, folder, summary, state, result)
             result.outcome, result.message = summary.outcome, summary.message
         except TelError as error:
             result.outcome, result.message = "failed", str(error)
@@ -162,27 +167,33 @@ class PracticeManagerNode(Node):
         self._busy = False
         return result
 
+    def _earlier(self, folder: Path) -> RunState:
+        # Imported late: learners take long to import, and only a resumed run asks them here.
+        from tel_ros.recording.earlier_trials import earlier_trials
+
+        return earlier_trials(folder, self._config)
+
     def _run(
         self,
         goal_handle: ServerGoalHandle,
         folder: Path,
         summary: RunSummary,
-        earlier: EarlierTrials,
+        state: RunState,
         result: Practice.Result,
     ) -> None:
-        strategy, last, self._lock_up = earlier.strategy, earlier.last, earlier.lock_up
+        strategy, last, self._lock_up = state.strategy, state.last, state.lock_up
         progress = Progress(goal_handle)
         ending = Ending("cancelled", "the run was cancelled")
         # A stop ends the run in which it comes, even if it has been reset by the time that the trial is over.
         self._stop_seen = self._stop_latched
         try:
-            patience_s = REPLAY_TIMEOUT_S if earlier.rows else 0.0
+            patience_s = REPLAY_TIMEOUT_S if state.rows else 0.0
             self._controller.bring_up(max(ANSWER_TIMEOUT_S, patience_s), self._give_up_in_time)
             self._wait_for_arm(max(self._config.run.arm_timeout_s, patience_s))
-            if earlier.network is None:
+            if state.network is None:
                 self._save_network(network_after(folder, 0))
             else:
-                self._load_network(earlier.network)
+                self._load_network(state.network)
             while not self._cancelled(goal_handle):
                 if self._stop_seen:
                     # Whatever the strategy makes of a trial that was aborted: a person has said stop.

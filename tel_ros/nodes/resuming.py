@@ -14,8 +14,6 @@ from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import BagError
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.recording import topics
-from tel_ros.recording.run_folder import trial_bags
-from tel_ros.recording.trial_bag import read_topic, read_trial
 
 
 def declare_resume(node: Node) -> Path | None:
@@ -51,6 +49,10 @@ def replay_control(controller: EpController, run: Path, joints: Sequence[str]) -
         BagError: a bag cannot be read.
         TrajectoryError: a recorded goal is one that the arm must not follow.
     """
+    # Imported late: a loop that begins anew needs no bags, and should not wait for their reader.
+    from tel_ros.recording.run_folder import trial_bags
+    from tel_ros.recording.trial_bag import read_topic, read_trial
+
     for bag in trial_bags(run):
         goals = read_topic(bag, topics.TRIAL_GOAL)
         trial = read_trial(bag)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.std_along import std_along
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
+from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.strategy import make_strategy
@@ -34,6 +33,7 @@ from tel_ros.recording.run_folder import (
     read_summary,
     trial_bags,
 )
+from tel_ros.recording.run_state import RunState
 from tel_ros.recording.summary import TrialRow
 from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.trial_report import read_report
@@ -45,27 +45,6 @@ _NOT_RECORDED = (*_LEARNED, "warning", "wall_s")
 """Columns that neither the plan nor the bag tells."""
 
 _AS_BEGUN = "the bags, the configuration and the version that the run was begun with"
-
-
-@dataclass(frozen=True)
-class EarlierTrials:
-    """Where a run stands after its last whole trial.
-
-    Args:
-        rows: of its summary.
-        strategy: as it is before it decides what comes next.
-        lock_up: has seen all trials.
-        last: report of the last trial; None: there was none.
-        network: file of the network as it is now; None: the one that a run begins with.
-        forecast: what that network expects of a movement.
-    """
-
-    rows: tuple[TrialRow, ...]
-    strategy: Strategy
-    lock_up: LockUpMonitor
-    last: TrialReport | None
-    network: Path | None
-    forecast: NetworkForecast
 
 
 class NetworkForecast:
@@ -105,7 +84,7 @@ class NetworkForecast:
         return forecast_of(desired, offset_rad, std_along(learner, inputs), arm, movement)
 
 
-def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = None) -> EarlierTrials:
+def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = None) -> RunState:
     """Go through the trials of a run once more, without moving anything.
 
     A trial that was recorded but not learned from to the end is learned from again, and the network saved.
@@ -147,7 +126,7 @@ def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = N
             )
         rows.append(row)
     network = network_after(folder, forecast.after) if rows else None
-    return EarlierTrials(tuple(rows), strategy, lock_up, last, network, forecast)
+    return RunState(strategy, lock_up, tuple(rows), last, network, forecast)
 
 
 def _stored_rows(folder: Path) -> dict[int, dict[str, Any]]:

@@ -10,7 +10,7 @@ from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.practice.decisions import Ending
 from tel_ros.recording.bag_writer import UNFINISHED
-from tel_ros.recording.config_file import config_from, load_config, read_yaml
+from tel_ros.recording.config_file import load_config
 from tel_ros.recording.earlier_trials import earlier_trials
 from tel_ros.recording.network_file import load_network, save_network
 from tel_ros.recording.retraining import require_trainable
@@ -22,6 +22,7 @@ from tel_ros.recording.run_folder import (
     read_summary,
     trial_bag,
     trial_bags,
+    written_config,
 )
 from tel_ros.recording.summary import RunSummary
 from tel_ros.recording.trial_report import read_report
@@ -58,12 +59,6 @@ def resumed_config(folder: Path) -> Config:
     return load_config(folder / CONFIG_FILE)
 
 
-def written_config(folder: Path) -> Config:
-    """Return the configuration of a run as it is written in its folder."""
-    file = folder / CONFIG_FILE
-    return config_from(read_yaml(file), lambda key: str(file))
-
-
 def prepare_to_resume(folder: Path, config: Config) -> Resumption:
     """Bring the folder of an interrupted run in order. No node of it may be running.
 
@@ -83,6 +78,7 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
     if (folder / SUMMARY_FILE).exists():
         summary = read_summary(folder)
         ended = summary.get("outcome") in _ENDED
+        assert earlier.forecast is not None
         if ended and isinstance(earlier.strategy.next(earlier.last, earlier.forecast), Ending):
             found = f"the run is finished: {summary['outcome']}, {len(bags)} trials"
             raise InputFileError(folder, found, "a run that was interrupted")

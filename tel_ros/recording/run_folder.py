@@ -79,6 +79,17 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     made_by_runs = [folder / SUMMARY_FILE, folder / UNFINISHED, *folder.glob("trial_*")]
     if not file.exists() or any(path.exists() for path in made_by_runs):
         raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
+    return written_config(folder)
+
+
+def written_config(folder: Path) -> Config:
+    """Return the configuration of a run as it is written in its folder, files named relative to it.
+
+    Raises:
+        InputFileError: it is not readable.
+        ConfigError: it is wrong.
+    """
+    file = folder / CONFIG_FILE
     return config_from(read_yaml(file), lambda key: str(file))
 
 

@@ -23,7 +23,7 @@ SHORT = (
 )
 
 
-def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_path: Path) -> None:
+def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel) -> None:
     whole = tel(*SHORT, name="whole")
     code, out, err = whole.finish(FINISH_S)
     assert code == 0, err
@@ -38,10 +38,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_pat
 
     resume = ["practice", "--resume", str(killed.folder), "--no-report", "--json"]
     resumed = TelProcess(resume, killed.folder, {})
-    try:
-        code, out, err = resumed.finish(FINISH_S)
-    finally:
-        resumed.kill()
+    code, out, err = resumed.finish(FINISH_S)
     assert code == 0, err
     assert "after 1 whole trials" in err
     assert (killed.folder / "set_aside" / "trial_002").is_dir()
@@ -54,8 +51,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, tmp_pat
     network = (killed.folder / NETWORK_FILE).read_bytes()
     assert network == (whole.folder / NETWORK_FILE).read_bytes()
 
-    again = TelProcess(resume, killed.folder, {})
-    code, out, err = again.finish(FINISH_S)
+    code, out, err = TelProcess(resume, killed.folder, {}).finish(FINISH_S)
     assert (code, out) == (2, "")
     assert "the run is finished: completed, 2 trials" in err
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.recording import topics
+from tel_ros.recording.arm_record import read_arm_record
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.earlier_trials import earlier_trials
@@ -78,6 +79,10 @@ def rows_of(run: Path) -> list[dict[str, Any]]:
     return rows
 
 
+def records(run: Path) -> Iterator[tuple[Any, Any]]:
+    return (read_arm_record(bag, topics.EFFORT_COMMANDS) for bag in trial_bags(run))
+
+
 def made_arm(config: Config) -> SimulatedArm:
     return SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed)
 
@@ -120,7 +125,7 @@ def test_the_simulated_arm_is_where_it_was_bit_by_bit(whole: Path, interrupted: 
     """Sensors, their noise and commands on their way included: it goes on equally with the third trial."""
     run = interrupted(2, 2)
     new_arm = partial(made_arm, resumed_config(run))
-    arm, offset_ns = replay_arm(new_arm, run, topics.EFFORT_COMMANDS)
+    arm, offset_ns = replay_arm(new_arm, records(run))
     assert offset_ns == 0
     third = trial_bag(whole, 3)
     states = dict(read_topic(third, topics.JOINT_STATES))
@@ -135,7 +140,7 @@ def test_the_simulated_arm_is_where_it_was_bit_by_bit(whole: Path, interrupted: 
 def test_an_arm_that_does_not_follow_the_records_rests_where_it_was_last(whole: Path) -> None:
     """A heavier one, say: an arm that has coasted, or one in real time, does not follow them either."""
     config = load_config(PLANAR_ARM, [*OVERRIDES, "sim.inertia_scale=1.2"])
-    arm, offset_ns = replay_arm(partial(made_arm, config), whole, topics.EFFORT_COMMANDS)
+    arm, offset_ns = replay_arm(partial(made_arm, config), records(whole))
     last_ns, last = read_topic(trial_bag(whole, 3), topics.JOINT_STATES)[-1]
     assert offset_ns + arm.time_ns == last_ns
     assert arm.true_position_rad == pytest.approx(last.position.tolist(), abs=1e-9)
