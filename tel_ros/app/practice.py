@@ -35,6 +35,8 @@ from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
+RESUME_TIMEOUT_S = 120.0
+"""Arm and controller of a resumed run take the processor for the trials of before while the others start."""
 
 OnFeedback = Callable[[Practice.Feedback], None]
 
@@ -91,7 +93,7 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
         create_run_folder(folder, config)
         names, logs = node_names(config), folder / LOG_FOLDER
         with run_lock(folder), NodeProcesses(folder / CONFIG_FILE, names, logs) as processes:
-            return _run(node, executor, processes, folder, on_feedback)
+            return _run(node, executor, processes, folder, on_feedback, START_TIMEOUT_S)
 
 
 def resume(
@@ -116,7 +118,7 @@ def resume(
         on_prepared(prepare_to_resume(folder, config))
         names, logs = node_names(config), folder / LOG_FOLDER
         with NodeProcesses(folder / CONFIG_FILE, names, logs, resume=True) as processes:
-            return _run(node, executor, processes, folder, on_feedback)
+            return _run(node, executor, processes, folder, on_feedback, RESUME_TIMEOUT_S)
 
 
 def _keep_to_this_machine(config: Config) -> None:
@@ -159,6 +161,7 @@ def _run(
     processes: NodeProcesses,
     folder: Path,
     on_feedback: OnFeedback,
+    start_timeout_s: float,
 ) -> Practice.Result:
     client = ActionClient(node, Practice, topics.PRACTICE)
     liveness = Liveness(node, "practice_manager")
@@ -172,12 +175,12 @@ def _run(
                 raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {folder / LOG_FOLDER}")
 
     try:
-        spin_until(client.server_is_ready, START_TIMEOUT_S, "the practice manager did not come up")
+        spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
         accepted = client.send_goal_async(
             Practice.Goal(run_dir=str(folder.resolve())),
             feedback_callback=lambda message: on_feedback(message.feedback),
         )
-        spin_until(accepted.done, START_TIMEOUT_S, "the practice manager did not answer")
+        spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
         handle: Any = accepted.result()
         if not handle.accepted:
             raise GraphError("the practice manager rejected the run")

@@ -19,6 +19,7 @@ SHORT = (
     *("practice.trials=2", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
     *("control.approach_speed_rad_s=1.5", "sim.position_noise_rad=0.0001", "sim.command_delay_s=0.004"),
     *("control.settle_time_s=0.2", "learning.gaussians_per_input=5"),
+    "learning.weights=least_squares",
     *PATIENT,
 )
 
@@ -30,7 +31,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel) -> None
     expected = summary_of(out)
 
     killed = tel(*SHORT, name="killed")
-    killed.wait_until_moving(trial=2)
+    killed.wait_until_moving(trial=2, timeout_s=FINISH_S)
     killed.kill()
     killed.process.communicate(timeout=10.0)
     wait_until(lambda: killed.left_behind() == [], 15.0, "the end of all nodes")
