@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from array import array
 from collections.abc import Callable
+from functools import partial
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -12,6 +13,7 @@ from std_msgs.msg import Float64MultiArray
 
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.pacing import Due, Pacer
+from sim_bridge.resuming import replay_arm
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import answered_stamp_ns
@@ -19,6 +21,7 @@ from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
+from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
@@ -28,6 +31,10 @@ STOP_SILENCE_S = 0.3
 LONGEST_STALL_S = 2.0
 NOTEWORTHY_STALL_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
+RESTS = (
+    "the recorded commands do not lead to the recorded states: the arm rests where it was last, "
+    "and the run will not be equal to one without interruption"
+)
 
 
 class SimBridgeNode(Node):
@@ -49,7 +56,23 @@ class SimBridgeNode(Node):
         self._sim = config.sim
         self._lockstep = config.sim.clock == "lockstep"
         self._period_s = 1.0 / config.control.rate_hz
-        self._arm = SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed)
+        new_arm = partial(
+            SimulatedArm, config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed
+        )
+        command_topic = topics.COMMANDS[config.arm.command_interface]
+        run = declare_resume(self)
+        self._start_ns = 0
+        if run is None:
+            self._arm = new_arm()
+        else:
+            # Imported late: an arm that begins anew needs no bags, and should not wait for their reader.
+            from tel_ros.recording.arm_record import read_arm_record
+            from tel_ros.recording.run_folder import trial_bags
+
+            trials = (read_arm_record(bag, command_topic) for bag in trial_bags(run))
+            self._arm, self._start_ns = replay_arm(new_arm, trials)
+        if self._lockstep and self._start_ns:
+            self.get_logger().warning(RESTS)
         self._message = JointState(name=list(config.arm.joints))
         self._command: array[float] | None = None
         self._silent_periods = 0
@@ -66,7 +89,7 @@ class SimBridgeNode(Node):
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
         commands = self.create_subscription(
             Float64MultiArray,
-            topics.COMMANDS[config.arm.command_interface],
+            command_topic,
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
             callback_group=BusyGroup(),
@@ -75,7 +98,6 @@ class SimBridgeNode(Node):
         if self._lockstep:
             self.create_timer(REPEAT_PERIOD_S, self._repeat)
             self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
-            self._start_ns = 0
         else:
             apply_realtime_options(self, config.control)
             # In this order: if anything comes between, states look older than they are, not from the future.

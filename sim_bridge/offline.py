@@ -28,6 +28,7 @@ from tel_ros.core.learning.signals import TrialSignals, configured_samples
 from tel_ros.core.learning.std_along import std_along
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
+from tel_ros.core.practice.lessons import is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
@@ -180,12 +181,14 @@ class PractisedTrial:
 
     Args:
         plan: what was to be tried.
+        goal: what the controller was asked to do.
         trial: what was done.
         learner: as it was after the trial.
         training: what learning did; None if there was nothing to learn from.
     """
 
     plan: PlannedTrial
+    goal: TrialGoal
     trial: OfflineTrial
     learner: Learner
     training: TrainingOutcome | None
@@ -283,17 +286,14 @@ class OfflinePractice:
         asked = command(self._config.arm, plan.movement, desired, equilibrium_rad)
         goal = TrialGoal(plan.index, plan.alpha, desired, asked.equilibrium_rad, asked.springs)
         trial = self.arm.run_trial(goal)
-        training = self._learn(trial) if self._is_worth_learning_from(trial.report) else None
+        report, on_abort = trial.report, self._config.practice.on_abort
+        learns = is_learned_from(report.outcome, report.run_ns > 0, on_abort)
+        training = self._learn(trial) if learns else None
         self._learner_after[plan.index] = self.learner
-        return PractisedTrial(plan, trial, self.learner, training)
+        return PractisedTrial(plan, goal, trial, self.learner, training)
 
     def _inputs(self, desired: DesiredTrajectory) -> FloatArray:
         return query_inputs(desired, 1.0 / self._config.control.rate_hz)
-
-    def _is_worth_learning_from(self, report: TrialReport) -> bool:
-        if report.outcome == Outcome.COMPLETED:
-            return True
-        return self._config.practice.on_abort == "continue" and report.run_ns > 0
 
     def _learn(self, trial: OfflineTrial) -> TrainingOutcome | None:
         learning = self._config.learning

@@ -52,10 +52,14 @@ class NodeProcesses:
         config_file: the configuration that every node reads.
         names: which nodes to start, keys of :data:`MODULES`.
         log_folder: gets one log a node.
+        resume: whether to go on with the run in whose folder the configuration lies.
     """
 
-    def __init__(self, config_file: Path, names: Sequence[str], log_folder: Path) -> None:
+    def __init__(
+        self, config_file: Path, names: Sequence[str], log_folder: Path, *, resume: bool = False
+    ) -> None:
         self._config_file, self._names, self._log_folder = config_file, names, log_folder
+        self._resume = resume
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> NodeProcesses:
@@ -108,6 +112,7 @@ class NodeProcesses:
         # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
         parameter = f"config:={json.dumps(str(self._config_file))}"
         command = [sys.executable, "-m", MODULES[name], "--ros-args", "-p", parameter]
+        command += ["-p", "resume:=true"] if self._resume else []
         with (self._log_folder / f"{name}.log").open("wb") as log:
             return subprocess.Popen(
                 command,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import click
@@ -23,10 +24,11 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
-from tel_ros.app.import_command import import_recordings
 from tel_ros.app.predict_command import predict
 from tel_ros.app.replay_command import replay
+from tel_ros.app.resume_text import require_either, say_what_goes_on
 from tel_ros.app.sweep_command import sweep
+from tel_ros.app.train_command import train
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
@@ -42,14 +44,16 @@ def main() -> None:
 
     \b
     tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
+    tel practice --resume bags/RUN      go on with one that was interrupted
     tel report bags/RUN                 its report, again
     tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
     tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
     tel bag info bags/RUN/trial_001     what a bag holds, and whether it is whole; tel bag plot draws it
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
-    tel import SOURCE … --out NET       learn torques from recordings of any arm
-    tel predict NET TRAJECTORY          the torques that a movement takes, and how sure they are
+    tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of
+                                        any arm, from recordings that other programs made
+    tel predict NETWORK MOVEMENT        the torques that a movement takes, and how sure they are
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, 130 interrupted.
@@ -57,13 +61,20 @@ def main() -> None:
 
 
 @main.command()
-@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@click.argument("config_file", metavar="[CONFIG]", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--set",
     "overrides",
     metavar="KEY=VALUE",
     multiple=True,
     help="Another value for a key, e.g. sim.clock=realtime.",
+)
+@click.option(
+    "--resume",
+    "resumed",
+    metavar="RUN",
+    type=click.Path(path_type=Path),
+    help="Go on with the interrupted run in this folder; without CONFIG, --set and --out.",
 )
 @click.option(
     "--out",
@@ -75,25 +86,37 @@ def main() -> None:
     "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
 )
 def practice(
-    config_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, with_report: bool
+    config_file: Path | None,
+    overrides: tuple[str, ...],
+    resumed: Path | None,
+    out: Path | None,
+    as_json: bool,
+    with_report: bool,
 ) -> None:
     """Run a practice run: bring the node graph up, practise, take it down.
 
     CONFIG is a YAML file such as config/paper.yaml. The run's folder gets a bag for each trial, the learned
-    network, run.yaml, summary.json and report.html.
+    network, run.yaml, summary.json and report.html. A run that was interrupted goes on with --resume.
     """
+    require_either(config_file, resumed, {"--set": overrides, "--out": out})
     # Imported late: `tel --help` and `tel report` need no ROS.
-    from tel_ros.app.practice import practise
+    from tel_ros.app.practice import practise, resume
     from tel_ros.app.progress_view import ProgressView
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
     try:
-        config = load_config(config_file, overrides)
-        with ProgressView(_PROGRESS) as view:
-            result = practise(config, folder, view.update)
+        if resumed is not None:
+            folder = resumed
+            with ProgressView(_PROGRESS) as view:
+                result = resume(folder, partial(say_what_goes_on, folder), view.update)
+        else:
+            assert config_file is not None  # require_either
+            folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
+            config = load_config(config_file, overrides)
+            with ProgressView(_PROGRESS) as view:
+                result = practise(config, folder, view.update)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
@@ -121,9 +144,9 @@ main.add_command(bag)
 main.add_command(check)
 main.add_command(compare)
 main.add_command(replay)
-main.add_command(import_recordings)
 main.add_command(predict)
 main.add_command(sweep)
+main.add_command(train)
 
 
 @main.command()
@@ -154,7 +177,7 @@ def _report_at_the_end(folder: Path, as_json: bool) -> None:
 
 
 def _show(summary: dict, folder: Path, as_json: bool) -> None:
-    from tel_ros.app.progress_view import trial_table
+    from tel_ros.app.trial_table import trial_table
 
     if as_json:
         click.echo(json.dumps(summary, indent=2))

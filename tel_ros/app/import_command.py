@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 _OUT = Console()
 _LOG_WIDTH = 140
+_OPTIONS = ("learner", "urdf", "topic", "joints", "rate_hz", "cutoff_hz", "weights", "max_subtrees")
 
 
 def import_options(function: F) -> F:
@@ -30,39 +32,59 @@ def import_options(function: F) -> F:
             "--learner",
             default="rigid_body",
             show_default=True,
-            help="rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.",
+            help="With --import: rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.",
         ),
-        click.option("--urdf", default="", help="URDF of the arm (or package://…); for rigid_body."),
-        click.option("--topic", default="", help="Topic of the bags. Default: the one that has efforts."),
-        click.option("--joints", default="", help="Joints to learn, a,b,c. Default: all that have efforts."),
+        click.option(
+            "--urdf", default="", help="With --import: URDF of the arm (or package://…); for rigid_body."
+        ),
+        click.option(
+            "--topic", default="", help="With --import: topic of the bags. Default: the one that has efforts."
+        ),
+        click.option(
+            "--joints",
+            default="",
+            help="With --import: joints to learn, a,b,c. Default: all that have efforts.",
+        ),
         click.option(
             "--rate-hz",
             type=float,
             default=200.0,
             show_default=True,
-            help="Rate of the samples that are learned from, at most.",
+            help="With --import: rate of the samples that are learned from, at most.",
         ),
         click.option(
-            "--cutoff-hz", type=float, help="Zero-phase low-pass, 0 for none. Default: chosen from the data."
+            "--cutoff-hz",
+            type=float,
+            help="With --import: zero-phase low-pass, 0 for none. Default: chosen from the data.",
         ),
         click.option(
             "--weights",
             type=click.Choice(["least_squares", "lms"]),
             default="least_squares",
             show_default=True,
-            help="How trees find their weights.",
+            help="With --import: how trees find their weights.",
         ),
         click.option(
             "--max-subtrees",
             type=click.IntRange(min=0),
             default=2,
             show_default=True,
-            help="That grow for each joint; with many joints each of them costs much time.",
+            help="With --import: that grow for each joint; with many joints each of them costs much time.",
         ),
     )
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def given_options(context: click.Context) -> list[str]:
+    """Return those of :func:`import_options` that stand on the command line."""
+    return [
+        option.opts[0]
+        for option in context.command.params
+        if option.name in _OPTIONS
+        and context.get_parameter_source(option.name) is not ParameterSource.DEFAULT
+    ]
 
 
 def run_import(
@@ -105,23 +127,6 @@ def run_import(
         click.echo(json.dumps(report.as_plain(), indent=2, allow_nan=False))
     else:
         _show(report)
-
-
-@click.command("import")
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="File of the network, *.npz.")
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print the result as JSON, and nothing else, on stdout."
-)
-@import_options
-def import_recordings(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
-    """Learn the torques of an arm from recordings that other programs made.
-
-    SOURCE is a bag of ROS 1 or ROS 2 (sqlite3, MCAP; with or without metadata.yaml) with
-    sensor_msgs/JointState or trajectory_msgs/JointTrajectory with efforts, or a CSV with the columns time_s,
-    q_<joint>, tau_<joint>. `tel predict` answers from the network.
-    """
-    run_import(sources, out, as_json, **options)
 
 
 def _show(report: ImportReport) -> None:

@@ -28,11 +28,15 @@ from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.safety.limits import Limits
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
+from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
+from tel_ros.recording.run_lock import run_lock
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
+RESUME_TIMEOUT_S = 120.0
+"""Arm and controller of a resumed run take the processor for the trials of before while the others start."""
 
 OnFeedback = Callable[[Practice.Feedback], None]
 
@@ -83,14 +87,44 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
         KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
     """
     check_before_moving(config)
-    if config.run.arm == "sim":
-        # The simulated arm concerns nobody else on the network.
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    _keep_to_this_machine(config)
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
-        with NodeProcesses(folder / CONFIG_FILE, node_names(config), folder / LOG_FOLDER) as processes:
-            return _run(node, executor, processes, folder, on_feedback)
+        names, logs = node_names(config), folder / LOG_FOLDER
+        with run_lock(folder), NodeProcesses(folder / CONFIG_FILE, names, logs) as processes:
+            return _run(node, executor, processes, folder, on_feedback, START_TIMEOUT_S)
+
+
+def resume(
+    folder: Path, on_prepared: Callable[[Resumption], None], on_feedback: OnFeedback
+) -> Practice.Result:
+    """Go on with a run that was interrupted, after its last whole trial.
+
+    Args:
+        folder: of the run.
+        on_prepared: called with what the run goes on from, before any node is started.
+        on_feedback: as for :func:`practise`.
+
+    Raises:
+        As for :func:`practise`; and InputFileError also if the run is finished.
+    """
+    config = resumed_config(folder)
+    check_before_moving(config)
+    _keep_to_this_machine(config)
+    with run_lock(folder), _client_node() as (node, executor):
+        # The nodes of the run may still be on their way to bring the arm to rest.
+        _refuse_second_graph(node, executor, config)
+        on_prepared(prepare_to_resume(folder, config))
+        names, logs = node_names(config), folder / LOG_FOLDER
+        with NodeProcesses(folder / CONFIG_FILE, names, logs, resume=True) as processes:
+            return _run(node, executor, processes, folder, on_feedback, RESUME_TIMEOUT_S)
+
+
+def _keep_to_this_machine(config: Config) -> None:
+    if config.run.arm == "sim":
+        # The simulated arm concerns nobody else on the network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 @contextmanager
@@ -127,6 +161,7 @@ def _run(
     processes: NodeProcesses,
     folder: Path,
     on_feedback: OnFeedback,
+    start_timeout_s: float,
 ) -> Practice.Result:
     client = ActionClient(node, Practice, topics.PRACTICE)
     liveness = Liveness(node, "practice_manager")
@@ -140,12 +175,12 @@ def _run(
                 raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {folder / LOG_FOLDER}")
 
     try:
-        spin_until(client.server_is_ready, START_TIMEOUT_S, "the practice manager did not come up")
+        spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
         accepted = client.send_goal_async(
             Practice.Goal(run_dir=str(folder.resolve())),
             feedback_callback=lambda message: on_feedback(message.feedback),
         )
-        spin_until(accepted.done, START_TIMEOUT_S, "the practice manager did not answer")
+        spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
         handle: Any = accepted.result()
         if not handle.accepted:
             raise GraphError("the practice manager rejected the run")

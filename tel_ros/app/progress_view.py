@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 from tel_interfaces.action import Practice
 
 from tel_ros.core.control.records import Outcome
@@ -77,30 +73,3 @@ class ProgressView:
     def _time_left(self) -> str:
         left_s = self._progress.tasks[0].time_remaining
         return "" if left_s is None else f"  about {left_s:.0f} s left"
-
-
-def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the trials of a summary as a table that fits 80 columns."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1), pad_edge=False)
-    table.add_column("trial", justify="right")
-    table.add_column("α", justify="right")
-    table.add_column("duration\ns", justify="right")
-    table.add_column("RMS error\nrad", justify="right")
-    table.add_column("max error\nrad", justify="right")
-    table.add_column("training error\nbefore → after rad", justify="right")
-    table.add_column("outcome")
-    for trial in trials:
-        table.add_row(
-            str(trial["index"]),
-            f"{trial['alpha']:.3f}",
-            f"{trial['duration_s']:.3f}",
-            _number(trial["rms_error_rad"]),
-            _number(trial["max_error_rad"]),
-            f"{_number(trial['training_rms_before_rad'])} → {_number(trial['training_rms_after_rad'])}",
-            trial["outcome"],
-        )
-    return table
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4f}"

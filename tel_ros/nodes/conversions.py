@@ -14,13 +14,13 @@ from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.config import ControlConfig
-from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
-from tel_ros.recording.trial_timing import recorded_timing, timing_fields
+from tel_ros.recording.trial_timing import timing_fields
 
 
 def time_ns(stamp: Time | Duration) -> int:
@@ -293,27 +293,6 @@ def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult
         max_effort_nm=to_array(report.max_effort_nm),
         saturated_ratio=report.saturated_ratio,
         **timing_fields(report.timing),
-    )
-
-
-def to_report(message: TrialResult) -> TrialReport:
-    """Return the report in a message."""
-    return TrialReport(
-        index=message.index,
-        alpha=message.alpha,
-        duration_s=message.duration_s,
-        outcome=Outcome(message.outcome),
-        message=message.message,
-        start_ns=time_ns(message.start_stamp),
-        run_ns=time_ns(message.run_stamp),
-        end_ns=time_ns(message.end_stamp),
-        ticks=message.ticks,
-        rms_error_rad=message.rms_error_rad,
-        rms_error_per_joint_rad=np.array(message.rms_error_per_joint_rad),
-        max_error_rad=message.max_error_rad,
-        max_effort_nm=np.array(message.max_effort_nm),
-        saturated_ratio=message.saturated_ratio,
-        timing=recorded_timing(message),
     )
 
 

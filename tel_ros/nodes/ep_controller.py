@@ -31,6 +31,7 @@ from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
+from tel_ros.nodes.resuming import declare_resume, replay_control
 from tel_ros.nodes.rivals import Rivals
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.safety_services import SafetyServices
@@ -58,6 +59,14 @@ class EpControllerNode(ManagedNode):
         self._joints = config.arm.joints
         self._make_controller = partial(EpController, config.arm, config.control, config.safety)
         self._controller = self._make_controller()
+        run = declare_resume(self)
+        # A real arm may have been moved meanwhile: what was held then is nothing to go on from.
+        resumes = run is not None and config.arm_waits_for_commands
+        if resumes and not replay_control(self._controller, run, self._joints):
+            self.get_logger().warning(
+                "not all of what was decided is recorded: the arm is picked up where it is"
+            )
+            self._controller = self._make_controller()
         self._interface = config.arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
         self._rest_speed_rad_s = config.control.settle_speed_rad_s

@@ -27,14 +27,13 @@ from tel_interfaces.srv import (
     TrainOnTrials,
 )
 
-from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.control.records import Outcome
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
-from tel_ros.core.practice.lock_up import LockUpMonitor
+from tel_ros.core.practice.lessons import is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
-from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.nodes import qos
@@ -43,22 +42,32 @@ from tel_ros.nodes.conversions import (
     equilibrium_of,
     to_array,
     to_goal_message,
-    to_report,
 )
 from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.progress import Progress
+from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
 from tel_ros.recording import topics
-from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.run_folder import NETWORK_FILE, network_after, open_run_folder, trial_bag
+from tel_ros.recording.run_folder import (
+    NETWORK_FILE,
+    network_after,
+    open_run_folder,
+    trial_bag,
+    written_config,
+)
+from tel_ros.recording.run_state import RunState
 from tel_ros.recording.summary import RunSummary, TrialRow
+from tel_ros.recording.trial_metadata import trial_metadata
+from tel_ros.recording.trial_report import to_report
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 ANSWER_TIMEOUT_S = 30.0
 SILENCE_TIMEOUT_S = 10.0
 TRAINING_TIMEOUT_S = 600.0
+REPLAY_TIMEOUT_S = 600.0
+"""Arm and controller of a resumed run first go through the trials of before, a second or two for each."""
 STOPPING_TIMEOUT_S = 2.5
 EMERGENCY_STOP = (
     "emergency stop: as long as ep_controller runs on, nothing moves before "
@@ -74,6 +83,7 @@ class PracticeManagerNode(Node):
         self._config = load_parameters(
             self, "arm", "path", "run", "practice", "learning", "control", "sim", "seed"
         )
+        self._resumed = declare_resume(self)
         self._path = load_path(self._config.path, self._config.arm)
         self._known_path = load_known_path(self._config.path, self._config.arm)
         group = ReentrantCallbackGroup()
@@ -90,7 +100,6 @@ class PracticeManagerNode(Node):
         self._busy = self._stopping = False
         self._stopping_since = math.inf
         self._written = self._config
-        self._lock_up = LockUpMonitor(self._config.practice.tolerance_rad)
         self._ready = threading.Event()
         self._stop_latched = self._stop_seen = False
         for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
@@ -138,9 +147,12 @@ class PracticeManagerNode(Node):
                 raise ConfigError("run_dir", "", "the folder of the run")
             require_within_velocity_limits(self._config, self._path, self._known_path)
             folder = Path(goal_handle.request.run_dir)
-            self._written = open_run_folder(folder, self._config)
+            resumes = self._resumed is not None and folder.resolve() == self._resumed.resolve()
+            self._written = written_config(folder) if resumes else open_run_folder(folder, self._config)
+            state = self._earlier(folder) if resumes else RunState.new(self._config)
             summary = RunSummary(folder, self._written)
-            self._run(goal_handle, folder, summary, result)
+            summary.rows = list(state.rows)
+            self._run(goal_handle, folder, summary, state, result)
             result.outcome, result.message = summary.outcome, summary.message
         except TelError as error:
             result.outcome, result.message = "failed", str(error)
@@ -155,20 +167,33 @@ class PracticeManagerNode(Node):
         self._busy = False
         return result
 
+    def _earlier(self, folder: Path) -> RunState:
+        # Imported late: learners take long to import, and only a resumed run asks them here.
+        from tel_ros.recording.earlier_trials import earlier_trials
+
+        return earlier_trials(folder, self._config)
+
     def _run(
-        self, goal_handle: ServerGoalHandle, folder: Path, summary: RunSummary, result: Practice.Result
+        self,
+        goal_handle: ServerGoalHandle,
+        folder: Path,
+        summary: RunSummary,
+        state: RunState,
+        result: Practice.Result,
     ) -> None:
-        strategy = make_strategy(self._config)
-        self._lock_up = LockUpMonitor(self._config.practice.tolerance_rad)
+        strategy, last, self._lock_up = state.strategy, state.last, state.lock_up
         progress = Progress(goal_handle)
-        last: TrialReport | None = None
         ending = Ending("cancelled", "the run was cancelled")
         # A stop ends the run in which it comes, even if it has been reset by the time that the trial is over.
         self._stop_seen = self._stop_latched
         try:
-            self._controller.bring_up(ANSWER_TIMEOUT_S, self._give_up_in_time)
-            self._wait_for_arm()
-            self._save_network(network_after(folder, 0))
+            patience_s = REPLAY_TIMEOUT_S if state.rows else 0.0
+            self._controller.bring_up(max(ANSWER_TIMEOUT_S, patience_s), self._give_up_in_time)
+            self._wait_for_arm(max(self._config.run.arm_timeout_s, patience_s))
+            if state.network is None:
+                self._save_network(network_after(folder, 0))
+            else:
+                self._load_network(state.network)
             while not self._cancelled(goal_handle):
                 if self._stop_seen:
                     # Whatever the strategy makes of a trial that was aborted: a person has said stop.
@@ -191,8 +216,7 @@ class PracticeManagerNode(Node):
             else:
                 summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
 
-    def _wait_for_arm(self) -> None:
-        timeout_s = self._config.run.arm_timeout_s
+    def _wait_for_arm(self, timeout_s: float) -> None:
         if not self._ready.wait(timeout_s):
             raise NoAnswerError(
                 f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
@@ -206,11 +230,10 @@ class PracticeManagerNode(Node):
         started = time.monotonic()
         bag = trial_bag(folder, plan.index)
         if plan.go_back_to is not None:
-            file = network_after(folder, plan.go_back_to)
-            self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
+            self._load_network(network_after(folder, plan.go_back_to))
         goal, revision = self._goal(plan)
-        metadata = self._metadata(plan, revision)
-        self._wait_for_arm()  # who may have stood still since the last trial
+        metadata = trial_metadata(plan, self._config, self._written, revision)
+        self._wait_for_arm(self._config.run.arm_timeout_s)  # who may have stood still since the last trial
         progress.stage("recording")
         self._call(
             self._start_recording,
@@ -229,7 +252,7 @@ class PracticeManagerNode(Node):
             raise NoAnswerError(f"trial {plan.index} was refused: {message.message}")
         report = to_report(message)
         row = TrialRow(plan=plan, report=report, bag=bag.name, wall_s=0.0)
-        if self._is_worth_learning_from(report):
+        if is_learned_from(report.outcome, report.run_ns > 0, self._config.practice.on_abort):
             progress.stage("training")
             self._learn(row, bag, folder)
         row.wall_s = time.monotonic() - started
@@ -265,15 +288,6 @@ class PracticeManagerNode(Node):
         std_rad = np.array(prediction.std_rad).reshape(offset_rad.shape)
         return forecast_of(desired, offset_rad, std_rad, arm, movement)
 
-    def _is_worth_learning_from(self, report: TrialReport) -> bool:
-        if report.outcome == Outcome.COMPLETED:
-            return True
-        return (
-            report.outcome == Outcome.ABORTED
-            and self._config.practice.on_abort == "continue"
-            and report.run_ns > 0
-        )
-
     def _learn(self, row: TrialRow, bag: Path, folder: Path) -> None:
         try:
             trained = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
@@ -299,6 +313,9 @@ class PracticeManagerNode(Node):
 
     def _save_network(self, file: Path) -> None:
         self._call(self._save, SaveNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
+
+    def _load_network(self, file: Path) -> None:
+        self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
 
     def _executed(self, goal_handle: ServerGoalHandle, goal: TrialGoal, progress: Progress) -> TrialResult:
         heard_at = time.monotonic()
@@ -333,19 +350,6 @@ class PracticeManagerNode(Node):
 
     def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:
         return self._stopping or goal_handle.is_cancel_requested
-
-    def _metadata(self, plan: PlannedTrial, network_revision: str) -> dict[str, str]:
-        return {
-            "config": dump_config(self._written),
-            "strategy": self._config.practice.strategy,
-            "trial": str(plan.index),
-            "alpha": repr(plan.alpha),
-            "duration_s": repr(plan.movement.own_duration_s),
-            "reason": plan.reason,
-            "seed": str(self._config.seed),
-            "network_revision": network_revision,
-            **{f"version.{name}": version for name, version in self._written.versions.items()},
-        }
 
 
 def main() -> None:

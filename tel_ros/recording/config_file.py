@@ -90,16 +90,31 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
     _resolve(raw, "path", "known_file", path.parent)
     _resolve(raw, "learning", "start_from", path.parent)
     _resolve(raw, "arm", "urdf", arm_path.parent, urdf_file)
-    options = dict(_override(raw, assignment) for assignment in overrides)
-
-    def source_of(key: str) -> str:
-        for option, text in options.items():
-            if _one_holds_the_other(key, option):
-                return f"--set {text}"
-        return str(arm_path if key.split(".")[0] == "arm" else path)
-
+    source_of = _overridden(raw, overrides, lambda key: str(arm_path if key.split(".")[0] == "arm" else path))
     config = config_from(raw, source_of)
     return _with_urdf_limits(config, source_of)
+
+
+def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ...], source: str) -> Config:
+    """Return a configuration with other values for some keys, as given by options ``--set``.
+
+    Args:
+        config: the configuration.
+        overrides: as for :func:`load_config`.
+        keys: which may be given: sections, or single keys.
+        source: where the other values come from, for messages.
+
+    Raises:
+        ConfigError: a key is unknown or not to be given, or a value is wrong.
+    """
+    overrides = list(overrides)
+    for assignment in overrides:
+        key = assignment.partition("=")[0].strip()
+        if not any(_one_holds_the_other(allowed, key) for allowed in keys):
+            expected = f"a key of {', '.join(keys)}: everything else is as in {source}"
+            raise ConfigError("--set", assignment, expected)
+    raw = to_plain(config)
+    return config_from(raw, _overridden(raw, overrides, lambda key: source))
 
 
 def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) -> Config:
@@ -180,6 +195,19 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise InputFileError(path, f"holds {type(raw).__name__}", "keys and values")
     return raw
+
+
+def _overridden(raw: dict[str, Any], overrides: Iterable[str], source_of: Callable[[str], str]) -> SourceOf:
+    """Put values in the place of others, and return where each key's value comes from now."""
+    options = dict(_override(raw, assignment) for assignment in overrides)
+
+    def source(key: str) -> str:
+        for option, text in options.items():
+            if _one_holds_the_other(key, option):
+                return f"--set {text}"
+        return source_of(key)
+
+    return source
 
 
 def _one_holds_the_other(key: str, other: str) -> bool:

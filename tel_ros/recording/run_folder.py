@@ -79,12 +79,29 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     made_by_runs = [folder / SUMMARY_FILE, folder / UNFINISHED, *folder.glob("trial_*")]
     if not file.exists() or any(path.exists() for path in made_by_runs):
         raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
+    return written_config(folder)
+
+
+def written_config(folder: Path) -> Config:
+    """Return the configuration of a run as it is written in its folder, files named relative to it.
+
+    Raises:
+        InputFileError: it is not readable.
+        ConfigError: it is wrong.
+    """
+    file = folder / CONFIG_FILE
     return config_from(read_yaml(file), lambda key: str(file))
 
 
 def trial_bag(folder: Path, index: int) -> Path:
     """Return the folder of a trial's bag."""
     return folder / f"trial_{index:03d}"
+
+
+def trial_bags(folder: Path) -> list[Path]:
+    """Return the bags in the folder of a run, in the order of the trials."""
+    bags = [bag for bag in folder.glob("trial_*") if bag.name.removeprefix("trial_").isdigit()]
+    return sorted(bags, key=lambda bag: int(bag.name.removeprefix("trial_")))
 
 
 def network_after(folder: Path, index: int) -> Path:

@@ -107,12 +107,23 @@ def read_trial(bag: Path) -> RecordedTrial:
             what a trial holds, it yields fewer messages than it announces, or fewer control states than the
             trial had ticks.
     """
-    metadata = _metadata(bag)
+    metadata = read_metadata(bag)
     with _opened(bag) as reader:
         states = _messages(reader, bag, topics.CONTROL_STATES)
         results = _messages(reader, bag, topics.TRIAL_RESULT)
         goals = _messages(reader, bag, topics.TRIAL_GOAL)
         return _trial(bag, metadata, states, results, goals)
+
+
+def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
+    """Return time [ns] and content of all messages of a topic of a closed bag.
+
+    Raises:
+        BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
+    """
+    read_metadata(bag)
+    with _opened(bag) as reader:
+        return _timed_messages(reader, bag, topic)
 
 
 def check_bag(bag: Path) -> None:
@@ -121,7 +132,7 @@ def check_bag(bag: Path) -> None:
     Raises:
         BagError: it is not.
     """
-    _metadata(bag)
+    read_metadata(bag)
     with _opened(bag):
         pass
 
@@ -236,7 +247,12 @@ def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
     return std
 
 
-def _metadata(bag: Path) -> dict[str, str]:
+def read_metadata(bag: Path) -> dict[str, str]:
+    """Return what was stored beside the messages of a closed bag.
+
+    Raises:
+        BagError: there is no closed bag, or its metadata are not readable.
+    """
     file = bag / "metadata.yaml"
     if not file.is_file():
         found = "there is no such folder" if not bag.is_dir() else "has no metadata.yaml: it was never closed"
@@ -250,10 +266,17 @@ def _metadata(bag: Path) -> dict[str, str]:
 
 
 def _messages(reader: AnyReader, bag: Path, topic: str) -> list[Any]:
+    return [message for _, message in _timed_messages(reader, bag, topic)]
+
+
+def _timed_messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
     connections = [c for c in reader.connections if c.topic == topic]
     if not connections:
         raise BagError(bag, f"has no topic {topic}", "a bag of a trial")
-    messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=connections)]
+    messages = [
+        (time_ns, reader.deserialize(raw, c.msgtype))
+        for c, time_ns, raw in reader.messages(connections=connections)
+    ]
     announced = sum(connection.msgcount for connection in connections)
     if len(messages) != announced:
         raise BagError(

@@ -12,7 +12,7 @@ from made_up_recording import JOINTS, made_up, motion_at, torque_nm
 
 import sim_bridge
 from tel_ros.app.cli import main
-from tel_ros.app.import_command import import_recordings
+from tel_ros.app.train_command import train
 from tel_ros.core.learning.identification.joint_recording import JointRecording
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, save_network
@@ -30,7 +30,7 @@ def write(file: Path, recording: JointRecording) -> Path:
 
 
 def run_import(*arguments: object) -> Result:
-    return CliRunner().invoke(import_recordings, [str(argument) for argument in arguments])
+    return CliRunner().invoke(train, ["--import", *(str(argument) for argument in arguments)])
 
 
 def run_predict(*arguments: object) -> Result:
@@ -184,3 +184,17 @@ def test_torque_that_does_not_belong_to_the_motion_is_warned_about(tmp_path: Pat
     done = run_import(write(tmp_path / "mixed.csv", mixed), *options)
     assert done.exit_code == 0
     assert "predicted badly" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--import", "--set", "seed=2"], ["--import", "--force"]])
+def test_settings_of_a_run_do_not_go_with_an_import(tmp_path: Path, arguments: list[str]) -> None:
+    result = CliRunner().invoke(train, [*arguments, str(tmp_path), "--out", str(tmp_path / "net.npz")])
+    assert result.exit_code == 2
+    assert f"{arguments[1]} cannot be used with --import" in result.output
+
+
+def test_settings_of_an_import_do_not_go_without_it(tmp_path: Path) -> None:
+    arguments = [str(tmp_path), "--out", str(tmp_path / "net.npz"), "--urdf", "arm.urdf"]
+    result = CliRunner().invoke(train, arguments)
+    assert result.exit_code == 2
+    assert "--urdf can only be used with --import" in result.output

@@ -95,15 +95,14 @@ class LeastSquaresLearner:
             raise ValueError(f"prior_strengths is {strengths}; expected finite numbers above 0")
         trees = restore_trees(context, stored.arrays)
         learner._joints = [TreeRegression(t, float(s)) for t, s in zip(trees, strengths, strict=True)]
-        data = learner._tree_data(learner._memory)
         for joint, silent in zip(learner._joints, stored.header["silent"], strict=True):
-            joint.gram, joint.silent = joint.gram_of(data), bool(silent)
+            joint.gram, joint.silent = learner._gram_of(joint, learner._memory), bool(silent)
         return learner
 
     def stored(self) -> StoredLearner:
         """Return everything that predictions and further training depend on.
 
-        The normal equations are not stored: they follow from the samples.
+        The normal equations are not stored: they follow from the samples, to the last bit.
         """
         header: dict[str, object] = {
             "trials_learned": self.trials_learned,
@@ -179,6 +178,9 @@ class LeastSquaresLearner:
                 notes.append(CHANGED)
         if len(old) or len(new) > 1:  # a single sample cannot be held out and learned from
             notes += learner._choose(old, new)
+        for before, joint in zip(self._joints, learner._joints, strict=True):
+            if learning.forgetting != 1.0 or joint.tree.n_subtrees != before.tree.n_subtrees:
+                joint.set_gram(learner._gram_of(joint, old))
         learner._fit(old, new)
         learner._calibrate(self, samples)
         if not all(np.all(np.isfinite(joint.tree.weights)) for joint in learner._joints):
@@ -271,9 +273,20 @@ class LeastSquaresLearner:
         memory = old.joined(new)
         self._memory = memory.bounded(self.context.learning.memory_samples)
         if self._memory is not memory:
-            data = self._tree_data(self._memory)
             for joint in self._joints:
-                joint.set_gram(joint.gram_of(data))
+                joint.set_gram(self._gram_of(joint, self._memory))
+
+    @on_one_thread
+    def _gram_of(self, joint: TreeRegression, memory: SampleMemory) -> FloatArray:
+        """Return the normal equations of a memory, summed up trial by trial.
+
+        In the order, that is, in which they are summed up while trials come. So a learner that was stored
+        goes on as if it had not been, down to rounding.
+        """
+        gram = np.zeros_like(joint.gram)
+        for trial in np.unique(memory.trial):
+            gram = gram + joint.gram_of(self._tree_data(memory[memory.trial == trial]))
+        return gram
 
     def _residuals(self, old: SampleMemory, new: SampleMemory) -> tuple[FloatArray, FloatArray]:
         """Return how well the new samples are fitted with the old ones, and alone. Shapes (n_joints,)."""

@@ -1,0 +1,119 @@
+"""The files that a run's configuration names, stored in each bag: bags alone tell what learning began with.
+
+Text files are stored as they are. An earlier network (``learning.start_from``) is stored in Base64, and only
+in the bag of the first trial: learning begins there.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from tel_ros.core.config import Config
+from tel_ros.core.errors import BagError, TelError
+from tel_ros.recording.config_file import config_from
+
+_PREFIX = "file."
+_TEXT = (("arm", "urdf"), ("path", "file"), ("path", "known_file"))
+_NETWORK = ("learning", "start_from")
+
+
+def stored_files(config: Config, trial: int) -> dict[str, str]:
+    """Return what to store with a trial: keys of bag metadata to contents.
+
+    Args:
+        config: of the run; the files that it names are read.
+        trial: index of the trial, from 1.
+    """
+    contents = {
+        _key(section, name): file.read_text(encoding="utf-8")
+        for section, name in _TEXT
+        if (file := _named(config, section, name)) is not None
+    }
+    network = _named(config, *_NETWORK)
+    if network is not None and trial == 1:
+        contents[_key(*_NETWORK)] = base64.b64encode(network.read_bytes()).decode("ascii")
+    return contents
+
+
+def stored_config(bag: Path, metadata: Mapping[str, str]) -> Config:
+    """Return the configuration that a bag was recorded with; its files are named as in the run's folder.
+
+    Raises:
+        BagError: the bag has none, or one that cannot be used.
+    """
+    try:
+        return config_from(yaml.safe_load(metadata["config"]), lambda key: f"the configuration in {bag}")
+    except KeyError:
+        raise BagError(bag, "holds no configuration", "a bag that tel_ros has recorded") from None
+    except (TelError, yaml.YAMLError, TypeError, AttributeError) as error:
+        found = f"holds a configuration that cannot be used ({' '.join(str(error).split())})"
+        raise BagError(bag, found, "that of a practice run") from error
+
+
+def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> str:
+    """Return the text of the URDF that a bag was recorded with.
+
+    Raises:
+        BagError: it is neither in the bag nor beside it.
+    """
+    return _content(bag, metadata, stored_config(bag, metadata), "arm", "urdf").decode("utf-8")
+
+
+def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Config:
+    """Return the configuration of a bag with its files written into a folder, under absolute names.
+
+    Files that a bag of an earlier version does not hold are taken from the folder of its run.
+
+    Args:
+        bag: for messages, and to find the folder of its run.
+        metadata: of the bag.
+        folder: exists; gets the files.
+
+    Raises:
+        BagError: a file is neither in the bag nor beside it; the configuration cannot be used.
+    """
+    config = stored_config(bag, metadata)
+    for section, name in (*_TEXT, _NETWORK):
+        if _named(config, section, name) is None:
+            continue
+        file = folder / f"{section}_{name}"
+        file.write_bytes(_content(bag, metadata, config, section, name))
+        part = dataclasses.replace(getattr(config, section), **{name: str(file)})
+        config = dataclasses.replace(config, **{section: part})
+    return config
+
+
+def _key(section: str, name: str) -> str:
+    return f"{_PREFIX}{section}.{name}"
+
+
+def _named(config: Config, section: str, name: str) -> Path | None:
+    file = getattr(getattr(config, section), name)
+    return Path(file) if file else None
+
+
+def _content(bag: Path, metadata: Mapping[str, str], config: Config, section: str, name: str) -> bytes:
+    stored = metadata.get(_key(section, name))
+    if stored is not None and (section, name) != _NETWORK:
+        return stored.encode("utf-8")
+    if stored is not None:
+        try:
+            return base64.b64decode(stored, validate=True)
+        except binascii.Error as error:
+            found = f"holds a {section}.{name} that is not readable ({error})"
+            raise BagError(bag, found, "the network in Base64") from error
+    beside: Path = bag.parent / getattr(getattr(config, section), name)
+    try:
+        return beside.read_bytes()
+    except OSError:
+        what = (
+            "the bag of the run's first trial" if (section, name) == _NETWORK else "a bag with all its files"
+        )
+        found = f"does not hold {section}.{name}, and {beside} is not there"
+        raise BagError(bag, found, f"{what}, or the whole folder of the run") from None
