@@ -24,8 +24,8 @@ from tel_interfaces.srv import StartRecording, StopRecording
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
-from tel_ros.nodes.trial_recorder import header_stamp_ns, trial_index
 from tel_ros.recording import topics
+from tel_ros.recording.serialised import header_stamp_ns, trial_index
 
 _POOL_S = 1.0
 _LABEL = b"1000000000000000000"  # as many digits as stamps of our time have
@@ -67,6 +67,11 @@ class Stream:
         """Index of the trial under way; 0: none."""
         self.sent: list[Sent] = []
         """What has been sent since :meth:`begin`."""
+
+    @staticmethod
+    def types(command_topics: tuple[str, ...]) -> dict[str, type]:
+        """Return the topics that it would publish and their types."""
+        return {t: _TYPES[t] for t in (topics.JOINT_STATES, *command_topics, topics.CONTROL_STATES)}
 
     def begin(self, trial: int) -> None:
         """Let a trial begin with the next tick."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -11,7 +10,6 @@ from pathlib import Path
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -21,7 +19,7 @@ from tel_interfaces.srv import StartRecording, StopRecording
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
+from tel_ros.nodes.conversions import time_ns
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
 from tel_ros.nodes.parameters import load_parameters
@@ -30,6 +28,7 @@ from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter, free_mb
 from tel_ros.recording.gaps import missing
 from tel_ros.recording.message_types import to_cdr, typestore
+from tel_ros.recording.serialised import answered_ns, header_stamp_ns, trial_index
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
@@ -43,25 +42,6 @@ _MESSAGE_TYPES = {
     topics.CONTROL_STATES: ControlState,
     **dict.fromkeys(topics.RECORDED_COMMANDS, Float64MultiArray),
 }
-
-
-def header_stamp_ns(serialised: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header.
-
-    The stamp lies behind the four bytes that tell the encoding, in the byte order that they tell.
-    """
-    order = "<" if serialised[1] & 1 else ">"
-    seconds, nanoseconds = struct.unpack_from(f"{order}iI", serialised, 4)
-    return int(seconds) * NS_PER_S + int(nanoseconds)
-
-
-def trial_index(serialised: bytes) -> int:
-    """Return the trial that a serialised control state belongs to: the number behind its header."""
-    order = "<" if serialised[1] & 1 else ">"
-    (frame_id_length,) = struct.unpack_from(f"{order}I", serialised, 12)
-    end = 12 + frame_id_length  # of the header, counted from behind the four bytes of the encoding
-    (index,) = struct.unpack_from(f"{order}I", serialised, 4 + end + -end % 4)
-    return int(index)
 
 
 class TrialRecorderNode(Node):
@@ -121,8 +101,8 @@ class TrialRecorderNode(Node):
         if self._writer is None:
             return
         if topic in topics.RECORDED_COMMANDS:
-            answered_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray))
-            stamp_ns = self._newest_ns if answered_ns is None else answered_ns
+            said_ns = answered_ns(raw)
+            stamp_ns = self._newest_ns if said_ns is None else said_ns
         else:
             stamp_ns = header_stamp_ns(raw)
         stamps = self._stamps.setdefault(topic, [])
@@ -191,7 +171,11 @@ class TrialRecorderNode(Node):
         response.bag = str(writer.bag)
         try:
             end_ns = time_ns(result.end_stamp)
-            await self._until(lambda: result.ticks == 0 or self._has_all_until(end_ns), DRAIN_TIMEOUT_S)
+            await self._until(
+                lambda: result.ticks == 0 or self._has_all_until(end_ns),
+                DRAIN_TIMEOUT_S,
+                lambda: self._ticks[result.index],  # a backlog is worked off, however long that takes
+            )
             self._writer = None
             response.dropped = self._dropped_last = self._dropped(result)
             if response.dropped:
@@ -238,14 +222,19 @@ class TrialRecorderNode(Node):
                 message = f"less than {LITTLE_SPACE_MB:.0f} MB are free for bags"
         return Health(level, message, values)
 
-    async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Let other callbacks run until a condition holds, or will not any more."""
+    async def _until(
+        self, condition: Callable[[], bool], timeout_s: float, progress: Callable[[], int] = lambda: 0
+    ) -> None:
+        """Let other callbacks run until a condition holds, or nothing has come nearer to it for a time."""
         if condition():
             return
         over: Future = Future()
-        end = time.monotonic() + timeout_s
+        end, so_far = time.monotonic() + timeout_s, progress()
 
         def check() -> None:
+            nonlocal end, so_far
+            if progress() != so_far:
+                end, so_far = time.monotonic() + timeout_s, progress()
             if not over.done() and (condition() or time.monotonic() > end):
                 over.set_result(None)
 
