@@ -25,7 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,17 +141,26 @@ def kill_once(
     client = Client(context)
     try:
         with Stream(client, rate_hz, N_JOINTS, (topics.EFFORT_COMMANDS,), seed) as stream:
-            sent = sent_until_kill(client, stream, process, folder, moment_s)
+            sent, begun = sent_until_kill(client, stream, process, folder, moment_s)
     finally:
         process.kill()
         process.join()
         client.destroy_node()
         context.try_shutdown()
-    return judge(recording, moment_s, folder, sent)
+    kill = judge(recording, moment_s, folder, sent)
+    if begun and kill.found in ("not begun", "nothing"):
+        return replace(kill, violations=(*kill.violations, "nothing is left of a recording that had begun"))
+    return kill
 
 
-def sent_until_kill(client: Client, stream: Stream, process: Any, folder: Path, moment_s: float) -> list[Any]:
-    """Record a trial, begin another one, kill the recorder, and return what had been sent by then."""
+def sent_until_kill(
+    client: Client, stream: Stream, process: Any, folder: Path, moment_s: float
+) -> tuple[list[Any], bool]:
+    """Record a trial, begin another one, and kill the recorder.
+
+    Returns:
+        What had been sent by then, and whether the recorder had said that the recording has begun.
+    """
     if not client.spin_until(client.is_ready, ANSWER_TIMEOUT_S):
         raise TimeoutError("the recorder did not come up")
     client.answer(client.call_start(folder / FIRST, stream.goal(1, N_POINTS)))
@@ -160,13 +169,13 @@ def sent_until_kill(client: Client, stream: Stream, process: Any, folder: Path, 
     client.answer(client.call_stop(stream.end(1)))
     goal = stream.goal(2, N_POINTS)
     stream.begin(2)
-    client.call_start(folder / SECOND, goal)
+    started = client.call_start(folder / SECOND, goal)
     client.spin_until(lambda: False, min(moment_s, SECOND_S))
     if moment_s > SECOND_S:
         client.call_stop(stream.end(2))
         client.spin_until(lambda: False, moment_s - SECOND_S)
     process.kill()
-    return list(stream.sent)
+    return list(stream.sent), started.done()
 
 
 def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[Any]) -> Kill:

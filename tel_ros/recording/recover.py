@@ -28,6 +28,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + _MAGIC
 """The end of a file that has no index: https://mcap.dev/spec#footer-op0x02"""
 _FOOTER_OPCODE, _DATA_END_OPCODE = 0x02, 0x0F
+_HAS_MESSAGES = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'messages'"
 _EXPECTED = "the folder of a recording that was never closed"
 
 
@@ -179,7 +180,8 @@ def _salvage_sqlite3(data: Path, copy: Path) -> int:
     try:
         with closing(sqlite3.connect(copy)) as database:
             (said,) = database.execute("PRAGMA integrity_check").fetchone()
-            (n,) = database.execute("SELECT count(*) FROM messages").fetchone()
+            (begun,) = database.execute(_HAS_MESSAGES).fetchone()
+            (n,) = database.execute("SELECT count(*) FROM messages").fetchone() if begun else (0,)
     except sqlite3.Error as error:
         raise BagError(data, f"cannot be read ({error})", "a database of rosbag2") from error
     if said != "ok":

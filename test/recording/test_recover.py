@@ -238,5 +238,9 @@ def test_what_holds_nothing_is_refused(tmp_path: Path, trial: SyntheticTrial) ->
         file.write_bytes(b"something else" * 100)
         with pytest.raises(BagError, match=rf"{file.name}: .*; expected"):
             recover(file.parent)
+    for file in (tmp_path / "sqlite3" / "run" / UNFINISHED / "trial_003").glob("*.db3"):
+        file.write_bytes(b"")  # killed before the tables were made
+        with pytest.raises(BagError, match="holds no transaction that has ended"):
+            recover(file.parent)
     with pytest.raises(BagError, match="is whole: there is nothing to recover"):
         recover(trial.write(tmp_path / "whole"))
