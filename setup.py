@@ -89,8 +89,15 @@ setup(
         "sweep": ["pyarrow", "ray"],
         # What benchmarks/learners.py compares with.
         "benchmark": ["scikit-learn"],
-        # colcon test looks for pytest under this name.
-        "test": ["pytest", "pytest-timeout", "pytest-xdist"],
+        # colcon test looks for pytest under this name. The others read our bags without any of our code.
+        "test": [
+            "mcap",
+            "mcap-ros2-support",
+            "pytest",
+            "pytest-timeout",
+            "pytest-xdist",
+            "rosbag-doctor",
+        ],
         "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],
     },
     entry_points={

@@ -28,8 +28,8 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
-from tel_ros.nodes.trial_recorder import header_stamp_ns, trial_index
 from tel_ros.recording import topics
+from tel_ros.recording.serialised import header_stamp_ns, trial_index
 
 ARM_STATES = "/arm/joint_states"
 ARM_COMMANDS = "/arm/commands"

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tel_ros.app.bag_recover_command import recover_command
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
@@ -19,7 +20,10 @@ _LOG_WIDTH = 160
 
 @click.group()
 def bag() -> None:
-    """Look at bags: what they hold, whether they are whole, and a figure."""
+    """Look at bags: what they hold, whether they are whole, a figure; recover what a crash has left."""
+
+
+bag.add_command(recover_command)
 
 
 @bag.command()

@@ -64,7 +64,7 @@ def _figure(bag: Path, topic: str) -> tuple[Figure, str]:
 
     inspected = inspect_bag(bag)
     if inspected.trial is not None and not topic and bag.is_dir():
-        trial = read_trial(bag)
+        trial = read_trial(bag, recovered=True)
         limits_nm, note = _limits(trial)
         return trial_figure(trial, limits_nm, _title(inspected, trial)), note
     states = read_joint_states(bag, topic)

@@ -499,6 +499,20 @@ class SimConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RecordingConfig:
+    """How trials are recorded: docs/bags.md."""
+
+    storage: Literal["mcap", "sqlite3"] = "mcap"
+    """Format of the bags; both are rosbag2's."""
+    chunk_s: float = 0.5
+    """A bag is brought to the disk this often (arm time): the most that a crash can cost it."""
+
+    def __post_init__(self) -> None:
+        _require_choices(self)
+        _require_positive(self, "chunk_s")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """Everything that defines a practice run."""
 
@@ -510,6 +524,7 @@ class Config:
     control: ControlConfig = field(default_factory=ControlConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     sim: SimConfig = field(default_factory=SimConfig)
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
     seed: int = 1
     """Of everything random (at present the sensor noise of the simulated arm)."""
     versions: dict[str, str] = field(default_factory=dict)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import struct
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -12,7 +10,6 @@ from pathlib import Path
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -22,13 +19,16 @@ from tel_interfaces.srv import StartRecording, StopRecording
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import answered_stamp_ns, time_ns
+from tel_ros.nodes.conversions import time_ns
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
-from tel_ros.recording.bag_writer import TrialBagWriter
+from tel_ros.recording.bag_writer import TrialBagWriter, free_mb
+from tel_ros.recording.gaps import missing
 from tel_ros.recording.message_types import to_cdr, typestore
+from tel_ros.recording.serialised import answered_ns, header_stamp_ns, trial_index
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
@@ -44,25 +44,6 @@ _MESSAGE_TYPES = {
 }
 
 
-def header_stamp_ns(serialised: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header.
-
-    The stamp lies behind the four bytes that tell the encoding, in the byte order that they tell.
-    """
-    order = "<" if serialised[1] & 1 else ">"
-    seconds, nanoseconds = struct.unpack_from(f"{order}iI", serialised, 4)
-    return int(seconds) * NS_PER_S + int(nanoseconds)
-
-
-def trial_index(serialised: bytes) -> int:
-    """Return the trial that a serialised control state belongs to: the number behind its header."""
-    order = "<" if serialised[1] & 1 else ">"
-    (frame_id_length,) = struct.unpack_from(f"{order}I", serialised, 12)
-    end = 12 + frame_id_length  # of the header, counted from behind the four bytes of the encoding
-    (index,) = struct.unpack_from(f"{order}I", serialised, 4 + end + -end % 4)
-    return int(index)
-
-
 class TrialRecorderNode(Node):
     """Writes serialised messages as they come, in the arm's own time.
 
@@ -72,13 +53,15 @@ class TrialRecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__("trial_recorder")
+        self._recording = load_parameters(self, "recording").recording
         typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
         self._heard_at: dict[str, float] = {}
-        self._goal = TrialGoal()
+        self._newest_ns = 0
         self._stamps: dict[str, list[int]] = {}
         self._last_bag: Path | None = None
         self._dropped_last = 0
+        self._missing: dict[str, int] = {}
         self._trouble = ""
         self._ticks: Counter[int] = Counter()
         busy = BusyGroup()
@@ -113,11 +96,13 @@ class TrialRecorderNode(Node):
 
     def _record(self, topic: str, raw: bytes) -> None:
         self._heard_at[topic] = time.monotonic()
+        if topic == topics.JOINT_STATES:
+            self._newest_ns = header_stamp_ns(raw)
         if self._writer is None:
             return
         if topic in topics.RECORDED_COMMANDS:
-            answered_ns = answered_stamp_ns(deserialize_message(raw, Float64MultiArray))
-            stamp_ns = self._newest_ns() if answered_ns is None else answered_ns
+            said_ns = answered_ns(raw)
+            stamp_ns = self._newest_ns if said_ns is None else said_ns
         else:
             stamp_ns = header_stamp_ns(raw)
         stamps = self._stamps.setdefault(topic, [])
@@ -130,24 +115,17 @@ class TrialRecorderNode(Node):
             self._ticks[index] += 1
         try:
             self._writer.write(topic, stamp_ns, raw)
-        except OSError as error:
+        except BagError as error:
             self._give_up(error)
             return
         stamps.append(stamp_ns)
 
-    def _give_up(self, error: OSError) -> None:
+    def _give_up(self, error: BagError) -> None:
         """Leave a bag that cannot be written among the unfinished ones; the trial's end says so."""
-        bag, self._writer = self._writer, None
-        self._trouble = f"{bag.bag} cannot be written ({error}); expected room on the disk"
+        writer, self._writer = self._writer, None
+        self._trouble = str(error)
         self.get_logger().error(self._trouble)
-        try:
-            bag.abandon()
-        except OSError:
-            return  # the disk that did not take the messages does not take their end
-
-    def _newest_ns(self) -> int:
-        states = self._stamps[topics.JOINT_STATES]
-        return states[-1] if states else 0
+        writer.abandon()
 
     def _has_all_until(self, end_ns: int) -> bool:
         """Return whether everything up to the last tick is there, and the state that its command led to."""
@@ -172,13 +150,14 @@ class TrialRecorderNode(Node):
                     bag, f"nothing is heard on {', '.join(self._silent())}", "the topics of a trial"
                 )
             metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
-            self._writer = TrialBagWriter(bag, metadata)
+            writer = TrialBagWriter(bag, metadata, self._recording)
+            self._write_goal(writer, request.goal)
         except (TelError, ValueError) as error:
             return self._refuse(response, error)
-        self._last_bag, self._trouble = bag, ""
+        self._last_bag, self._trouble, self._missing = bag, "", {}
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
         self._ticks.clear()
-        self._goal = request.goal
+        self._writer = writer
         response.success = True
         return response
 
@@ -192,7 +171,11 @@ class TrialRecorderNode(Node):
         response.bag = str(writer.bag)
         try:
             end_ns = time_ns(result.end_stamp)
-            await self._until(lambda: result.ticks == 0 or self._has_all_until(end_ns), DRAIN_TIMEOUT_S)
+            await self._until(
+                lambda: result.ticks == 0 or self._has_all_until(end_ns),
+                DRAIN_TIMEOUT_S,
+                lambda: self._ticks[result.index],  # a backlog is worked off, however long that takes
+            )
             self._writer = None
             response.dropped = self._dropped_last = self._dropped(result)
             if response.dropped:
@@ -205,11 +188,12 @@ class TrialRecorderNode(Node):
                     f"the recording at {first_s:.3f} s)",
                     "all of them; the bag is left unfinished",
                 )
-            self._write_once(writer, result)
+            writer.write(topics.TRIAL_RESULT, end_ns, to_cdr("tel_interfaces/msg/TrialResult", result))
             writer.close()
         except TelError as error:
             self._writer = None
             return self._refuse(response, error)
+        self._report_missing(writer.bag)
         response.topics, response.message_counts = list(writer.counts), list(writer.counts.values())
         response.success = True
         return response
@@ -221,28 +205,36 @@ class TrialRecorderNode(Node):
 
     def _health(self) -> Health:
         values: dict[str, object] = {"recording": self._writer is not None, "dropped": self._dropped_last}
+        values |= {f"missing {topic}": n for topic, n in self._missing.items()}
         level, message = Level.OK, "waits for a trial"
         if self._writer is not None:
             message = f"records {self._writer.bag.name}"
             values |= {f"messages {topic}": len(stamps) for topic, stamps in self._stamps.items()}
+        if self._missing:
+            level, message = Level.WARN, f"{self._last_bag}: messages did not arrive"
         if self._trouble:
             level, message = Level.ERROR, self._trouble
         if self._last_bag is not None:
-            free_mb = _free_mb(self._last_bag)
-            values |= {"bag": self._last_bag, "free_mb": round(free_mb)}
-            if free_mb < LITTLE_SPACE_MB and level != Level.ERROR:
-                level = Level.ERROR if free_mb < NO_SPACE_MB else Level.WARN
+            left_mb = free_mb(self._last_bag)
+            values |= {"bag": self._last_bag, "free_mb": round(left_mb)}
+            if left_mb < LITTLE_SPACE_MB and level != Level.ERROR:
+                level = Level.ERROR if left_mb < NO_SPACE_MB else Level.WARN
                 message = f"less than {LITTLE_SPACE_MB:.0f} MB are free for bags"
         return Health(level, message, values)
 
-    async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Let other callbacks run until a condition holds, or will not any more."""
+    async def _until(
+        self, condition: Callable[[], bool], timeout_s: float, progress: Callable[[], int] = lambda: 0
+    ) -> None:
+        """Let other callbacks run until a condition holds, or nothing has come nearer to it for a time."""
         if condition():
             return
         over: Future = Future()
-        end = time.monotonic() + timeout_s
+        end, so_far = time.monotonic() + timeout_s, progress()
 
         def check() -> None:
+            nonlocal end, so_far
+            if progress() != so_far:
+                end, so_far = time.monotonic() + timeout_s, progress()
             if not over.done() and (condition() or time.monotonic() > end):
                 over.set_result(None)
 
@@ -267,19 +259,22 @@ class TrialRecorderNode(Node):
         """Return how many of a trial's ticks have not arrived: counted, because its clock may have jumped."""
         return max(0, result.ticks - self._ticks[result.index])
 
-    def _write_once(self, writer: TrialBagWriter, result: TrialResult) -> None:
-        """Add the goal at the beginning of RUN and the result at the end."""
-        run_ns = time_ns(result.run_stamp) or time_ns(result.start_stamp)
-        writer.write(topics.TRIAL_GOAL, run_ns, to_cdr("tel_interfaces/msg/TrialGoal", self._goal))
-        writer.write(
-            topics.TRIAL_RESULT, time_ns(result.end_stamp), to_cdr("tel_interfaces/msg/TrialResult", result)
-        )
+    def _write_goal(self, writer: TrialBagWriter, goal: TrialGoal) -> None:
+        """Add the goal, with the time of the newest joint state: whatever a crash leaves has it."""
+        try:
+            goal_cdr = to_cdr("tel_interfaces/msg/TrialGoal", goal)
+            writer.write(topics.TRIAL_GOAL, self._newest_ns, goal_cdr)
+            writer.flush()
+        except BagError:
+            writer.abandon()
+            raise
 
-
-def _free_mb(bag: Path) -> float:
-    """Return how much room [MB] is left where a bag is; its folder may not exist yet."""
-    existing = next(folder for folder in bag.absolute().parents if folder.exists())
-    return shutil.disk_usage(existing).free / 1e6
+    def _report_missing(self, bag: Path) -> None:
+        """Say which messages have not arrived that nothing is learned from; a lost tick fails the trial."""
+        self._missing = missing(self._stamps)
+        if self._missing:
+            lost = ", ".join(f"{n} of {topic}" for topic, n in self._missing.items())
+            self.get_logger().warning(f"{bag}: did not arrive: {lost}")
 
 
 def main() -> None:

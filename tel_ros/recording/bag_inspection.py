@@ -18,14 +18,10 @@ from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag, reading
-from tel_ros.recording.bag_writer import CHECKSUMS, UNFINISHED
+from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
 from tel_ros.recording.trial_bag import check_sums
 
 STORAGE_OF = {".mcap": "mcap", ".db3": "sqlite3", ".bag": "rosbag1"}
-_RECOVERED = "recovered"
-"""Begins the names of what is stored with a bag that was put together from an unfinished one; also the folder
-of a run in which such bags lie.
-"""
 
 
 class Wholeness(Enum):
@@ -154,7 +150,7 @@ def inspect_bag(bag: Path) -> InspectedBag:
 
 def bags_of_run(folder: Path) -> list[Path]:
     """Return the bags in the folder of a run: of its trials, then the unfinished and the recovered ones."""
-    places = (folder.glob("trial_*"), (folder / UNFINISHED).glob("*"), (folder / _RECOVERED).glob("*"))
+    places = (folder.glob("trial_*"), (folder / UNFINISHED).glob("*"), (folder / RECOVERED).glob("*"))
     return [path for place in places for path in sorted(place) if path.is_dir()]
 
 
@@ -245,7 +241,7 @@ def _wholeness(
         check_sums(bag)
     except (TelError, OSError, ValueError) as error:
         return Wholeness.BROKEN, getattr(error, "found", f"{CHECKSUMS} cannot be used ({error})")
-    recovered = {key: value for key, value in metadata.items() if key.startswith(_RECOVERED)}
+    recovered = {key: value for key, value in metadata.items() if key.startswith(RECOVERED)}
     if recovered:
         return Wholeness.RECOVERED, "; ".join(f"{key}: {value}" for key, value in recovered.items())
     if bag.absolute().parent.name == UNFINISHED:

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
+import sqlite3
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
+import yaml
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+from rosbags.typesys.store import Typestore
 
+from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
+from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.message_types import typestore
 
@@ -25,6 +35,18 @@ CHECKSUMS = "SHA256SUMS"
 MCAP has a place for checksums of its own, but rosbags leaves it empty.
 """
 
+CUSTOM_DATA_FILE = "custom_data.yaml"
+"""File in an unfinished bag with what will be stored beside the messages.
+
+rosbag2 has no place for it before a bag is closed; after a crash it is what tells the configuration.
+"""
+
+RECOVERED = "recovered"
+"""Key of the custom data that marks a bag as what a crash has left of one; says how much that is."""
+
+_PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+_DISK_ERRORS = (OSError, sqlite3.Error)
+
 
 def sha256(file: Path) -> str:
     """Return the checksum of a file as ``sha256sum`` prints it."""
@@ -32,53 +54,91 @@ def sha256(file: Path) -> str:
         return hashlib.file_digest(data, "sha256").hexdigest()
 
 
-class TrialBagWriter:
+def free_mb(path: Path) -> float:
+    """Return how much room [MB] is left where a file or folder is, or will be."""
+    existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    return shutil.disk_usage(existing).free / 1e6
+
+
+class BagWriter:
     """Writes serialised messages as they come, without touching their bytes.
 
     The bag grows in a folder of its own and gets its name only when it has been closed: a bag under its own
-    name is whole. What a crash leaves behind stays under ``.unfinished``.
+    name is whole. What a crash leaves behind stays under ``.unfinished``; a crash of this process or of the
+    machine costs it at most the last ``chunk_s`` of messages.
 
     Args:
         bag: folder of the bag.
         metadata: stored with the bag as custom data.
+        recording: format, and how much a crash may cost.
 
     Raises:
         BagError: the bag or an unfinished one of that name exists, or the folder cannot be written.
     """
 
-    def __init__(self, bag: Path, metadata: Mapping[str, str]) -> None:
+    def __init__(
+        self, bag: Path, metadata: Mapping[str, str], recording: RecordingConfig | None = None
+    ) -> None:
+        recording = RecordingConfig() if recording is None else recording
         self.bag = bag
         self._staging = bag.parent / UNFINISHED / bag.name
         if bag.exists():
             raise BagError(bag, "exists already", "a name that is free: bags are never overwritten")
         if self._staging.exists():
             raise BagError(self._staging, "an unfinished bag of that name is there", "a name that is free")
-        self._writer = Writer(self._staging, version=9, storage_plugin=StoragePlugin.MCAP)
-        # Chunk by chunk inside the file, as rosbag2 does it: every reader of MCAP knows it.
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer = Writer(self._staging, version=9, storage_plugin=_PLUGINS[recording.storage])
+        if recording.storage == "mcap":
+            # Chunk by chunk inside the file, as rosbag2 does it: every reader of MCAP knows it.
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         for key, value in metadata.items():
             self._writer.set_custom_data(key, value)
         try:
             self._writer.open()
-        except (OSError, WriterError) as error:
+            text = yaml.safe_dump(dict(metadata), allow_unicode=True)
+            (self._staging / CUSTOM_DATA_FILE).write_text(text, encoding="utf-8")
+            for path in (self._staging / CUSTOM_DATA_FILE, self._staging, self._staging.parent):
+                _sync(path)
+        except (*_DISK_ERRORS, WriterError) as error:
             raise BagError(bag, f"cannot be written ({error})", "a folder that can be written") from error
-        types = {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}
-        store = typestore()
-        self._connections = {
-            topic: self._writer.add_connection(topic, kind, typestore=store) for topic, kind in types.items()
-        }
-        # Which of the topics of commands a trial has shows when the first one comes.
-        self._add_command = partial(self._writer.add_connection, typestore=store)
-        self.counts = dict.fromkeys(types, 0)
+        self._connections: dict[str, Connection] = {}
+        self.counts: dict[str, int] = {}
         """Messages written so far: topic to number."""
+        self._chunk_ns = round(recording.chunk_s * NS_PER_S)
+        self._chunk_began_ns: int | None = None
+        self._disk_refused = False
+
+    def add_topic(self, topic: str, kind: str, store: Typestore) -> None:
+        """Announce a topic; ``store`` has the definition of its type, which goes into the bag."""
+        self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
+        self.counts[topic] = 0
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
-        """Append one serialised message."""
-        if topic not in self._connections:
-            self._connections[topic] = self._add_command(topic, topics.RECORDED_COMMANDS[topic])
-            self.counts[topic] = 0
-        self._writer.write(self._connections[topic], time_ns, serialised)
-        self.counts[topic] += 1
+        """Append one serialised message.
+
+        Raises:
+            BagError: the disk does not take it.
+        """
+        try:
+            self._writer.write(self._connections[topic], time_ns, serialised)
+            self.counts[topic] += 1
+            if self._chunk_began_ns is None:
+                self._chunk_began_ns = time_ns
+            # A clock that has jumped back ends a chunk, too.
+            elif abs(time_ns - self._chunk_began_ns) >= self._chunk_ns:
+                self._flush()
+        except _DISK_ERRORS as error:
+            raise self._disk_error("cannot be written", error) from error
+
+    def flush(self) -> None:
+        """Bring everything that has been written to the disk.
+
+        Raises:
+            BagError: the disk does not take it.
+        """
+        try:
+            self._flush()
+        except _DISK_ERRORS as error:
+            raise self._disk_error("cannot be written", error) from error
 
     def close(self) -> None:
         """Finish the bag and let it appear under its name.
@@ -87,23 +147,30 @@ class TrialBagWriter:
             BagError: the disk did not take it; what there is stays in the folder of unfinished bags.
         """
         try:
+            data = self._data_file()
             self._writer.close()
-            sums = [f"{sha256(file)}  {file.name}\n" for file in self._staging.glob("*.mcap")]
-            (self._staging / CHECKSUMS).write_text("".join(sums), encoding="utf-8")
-            for file in self._staging.iterdir():
-                _sync(file)
+            (self._staging / CHECKSUMS).write_text(f"{sha256(data)}  {data.name}\n", encoding="utf-8")
+            for path in (*self._staging.iterdir(), self._staging):
+                _sync(path)
+            (self._staging / CUSTOM_DATA_FILE).unlink()
             self._staging.rename(self.bag)
             _sync(self.bag.parent)
             if not any(self._staging.parent.iterdir()):
                 self._staging.parent.rmdir()
-        except OSError as error:
-            raise BagError(self.bag, f"could not be closed ({error})", "room on the disk") from error
+        except _DISK_ERRORS as error:
+            with suppress(*_DISK_ERRORS):
+                self._writer.abort()
+            raise self._disk_error("could not be closed", error) from error
 
     def abandon(self) -> None:
         """Give the bag up: what was written stays in the folder of unfinished bags."""
-        self._writer.abort()
+        if not self._disk_refused:  # a disk that did not take a part of a chunk must not get the rest
+            with suppress(BagError):
+                self.flush()
+        with suppress(*_DISK_ERRORS):
+            self._writer.abort()
 
-    def __enter__(self) -> TrialBagWriter:
+    def __enter__(self) -> BagWriter:
         """Return the writer."""
         return self
 
@@ -115,6 +182,60 @@ class TrialBagWriter:
             self.close()
         else:
             self.abandon()
+
+    def _data_file(self) -> Path:
+        storage = self._writer.storage
+        if storage is None:
+            raise BagError(self.bag, "is closed already", "a bag that is open")
+        return storage.path
+
+    def _flush(self) -> None:
+        """End the chunk (MCAP) or the transaction (sqlite3) and wait until it is on the disk.
+
+        rosbags does the former by itself after a megabyte, the latter only at the end.
+        """
+        storage = self._writer.storage
+        if isinstance(storage, McapWriter):
+            if storage.chunk.bio.tell():
+                storage.close_chunk()
+            storage.bio.flush()
+            os.fdatasync(storage.bio.fileno())
+        elif isinstance(storage, Sqlite3Writer):
+            storage.conn.commit()  # which waits for the disk: sqlite's default
+        self._chunk_began_ns = None
+
+    def _disk_error(self, what: str, error: Exception) -> BagError:
+        self._disk_refused = True
+        found = f"{what} ({error}; {free_mb(self._staging):.0f} MB are free there)"
+        return BagError(self.bag, found, "room on the disk")
+
+
+class TrialBagWriter(BagWriter):
+    """Writes the bag of a trial: its topics and their types are known."""
+
+    def __init__(
+        self, bag: Path, metadata: Mapping[str, str], recording: RecordingConfig | None = None
+    ) -> None:
+        super().__init__(bag, metadata, recording)
+        store = typestore()
+        for topic, kind in {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}.items():
+            self.add_topic(topic, kind, store)
+        # Which of the topics of commands a trial has shows when the first one comes.
+        self._add_command = partial(self.add_topic, store=store)
+
+    def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
+        """Append one serialised message.
+
+        Raises:
+            BagError: the disk does not take it.
+        """
+        if topic not in self._connections:
+            self._add_command(topic, topics.RECORDED_COMMANDS[topic])
+        super().write(topic, time_ns, serialised)
+
+    def __enter__(self) -> TrialBagWriter:
+        """Return the writer."""
+        return self
 
 
 def _sync(path: Path) -> None:

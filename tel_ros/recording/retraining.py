@@ -12,6 +12,7 @@ from tel_ros.core.errors import BagError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.core.practice.lessons import is_learned_from
+from tel_ros.recording.bag_writer import RECOVERED
 from tel_ros.recording.network_file import revision
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bag, trial_bags
 from tel_ros.recording.same_arm import require_same_arm
@@ -66,8 +67,8 @@ def require_trainable(bag: Path) -> dict[str, str]:
         BagError: it was never closed, or what a crash left of it was recovered.
     """
     metadata = read_metadata(bag)
-    if metadata.get("recovered"):
-        found = f"was recovered after a crash ({metadata['recovered']}): its end may be missing"
+    if metadata.get(RECOVERED):
+        found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
         raise BagError(bag, found, "a bag that was closed by its recorder")
     return metadata
 

@@ -6,16 +6,14 @@ import dataclasses
 import json
 import math
 import os
-import platform
 import shutil
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from tel_ros import __version__
 from tel_ros.core.config import Config
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
+from tel_ros.recording.code_version import versions
 from tel_ros.recording.config_file import config_from, dump_config, read_yaml
 
 CONFIG_FILE = "run.yaml"
@@ -23,8 +21,6 @@ SUMMARY_FILE = "summary.json"
 NETWORK_FILE = "network/network.npz"
 REPORT_FILE = "report.html"
 LOG_FOLDER = "log"
-
-_PACKAGES = ("numpy", "scipy", "rosbags", "pybullet")
 
 
 def create_run_folder(folder: Path, config: Config) -> Config:
@@ -59,7 +55,7 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         learning=dataclasses.replace(config.learning, start_from=start_from),
         arm=dataclasses.replace(config.arm, urdf=urdf),
         path=dataclasses.replace(config.path, file=path_file, known_file=known_file),
-        versions=_versions(),
+        versions=versions(),
     )
     write_atomically(folder / CONFIG_FILE, dump_config(written))
     return written
@@ -155,13 +151,3 @@ def json_ready(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _versions() -> dict[str, str]:
-    versions = {"tel_ros": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return versions

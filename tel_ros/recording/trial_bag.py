@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,9 @@ from tel_ros.core.learning.record import learning_record
 from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording import topics
-from tel_ros.recording.bag_writer import CHECKSUMS, sha256
+from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
 from tel_ros.recording.config_file import config_from
-from tel_ros.recording.trial_timing import recorded_timing
+from tel_ros.recording.trial_timing import recorded_timing, timing_fields
 
 
 @dataclass(frozen=True)
@@ -99,19 +100,28 @@ class RecordedTrial:
         )
 
 
-def read_trial(bag: Path) -> RecordedTrial:
+def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
     """Read a trial and check that it is whole.
 
+    Args:
+        bag: folder of the bag.
+        recovered: whether a bag that was recovered after a crash will do, for a person who wants to look: its
+            end may be missing. Where there is no result, the outcome is ``ABORTED``; the message says why.
+
     Raises:
-        BagError: there is no closed bag, its data have changed since they were recorded, it does not hold
-            what a trial holds, it yields fewer messages than it announces, or fewer control states than the
-            trial had ticks.
+        BagError: there is no closed bag, its data have changed since they were recorded, it was recovered
+            after a crash, it does not hold what a trial holds, it yields fewer messages than it announces, or
+            fewer control states than the trial had ticks.
     """
     metadata = read_metadata(bag)
+    if not recovered:
+        _refuse_recovered(bag, metadata)
     with _opened(bag) as reader:
         states = _messages(reader, bag, topics.CONTROL_STATES)
         results = _messages(reader, bag, topics.TRIAL_RESULT)
         goals = _messages(reader, bag, topics.TRIAL_GOAL)
+        if RECOVERED in metadata and not results and goals:
+            results = [_result_in_place(goals[0], metadata[RECOVERED])]
         return _trial(bag, metadata, states, results, goals)
 
 
@@ -121,7 +131,7 @@ def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
     Raises:
         BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
     """
-    read_metadata(bag)
+    _refuse_recovered(bag, read_metadata(bag))
     with _opened(bag) as reader:
         return _timed_messages(reader, bag, topic)
 
@@ -130,11 +140,17 @@ def check_bag(bag: Path) -> None:
     """Make sure that a bag is closed, unchanged and can be opened. Its messages are not read.
 
     Raises:
-        BagError: it is not.
+        BagError: it is not, or it was recovered after a crash.
     """
-    read_metadata(bag)
+    _refuse_recovered(bag, read_metadata(bag))
     with _opened(bag):
         pass
+
+
+def _refuse_recovered(bag: Path, metadata: Mapping[str, str]) -> None:
+    if RECOVERED in metadata:
+        found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
+        raise BagError(bag, found, "a bag that was recorded to its end")
 
 
 @contextmanager
@@ -208,6 +224,19 @@ def _trial(
         command_std_rad=_command_std(bag, goals[0], int(np.count_nonzero(phase == Phase.RUN))),
         springs=_springs(bag, metadata, goals[0], tuple(result.joint_names)),
         timing=recorded_timing(result),
+    )
+
+
+def _result_in_place(goal: Any, why: str) -> Any:
+    """Return what stands for the result of a trial whose recording ended before it did."""
+    return SimpleNamespace(
+        index=goal.trial,
+        outcome=Outcome.ABORTED,
+        message=f"the recording has no end: recovered {why}",
+        duration_s=goal.time_ns[-1] / NS_PER_S,
+        ticks=0,
+        joint_names=goal.joint_names,
+        **timing_fields(None),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tel_ros.core.config import RecordingConfig
 from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.records import Phase
 from tel_ros.core.types import NS_PER_S
@@ -74,9 +75,16 @@ class SyntheticTrial:
         yield topics.TRIAL_GOAL, self.start_ns, self._goal()
         yield topics.TRIAL_RESULT, int(self.time_ns[self.n - 1]), self._result()
 
-    def write(self, bag: Path, metadata: Mapping[str, str] = METADATA, *, without: str = "") -> Path:
+    def write(
+        self,
+        bag: Path,
+        metadata: Mapping[str, str] = METADATA,
+        *,
+        without: str = "",
+        recording: RecordingConfig | None = None,
+    ) -> Path:
         """Write a closed bag, if wanted without the messages of one topic."""
-        with TrialBagWriter(bag, metadata) as writer:
+        with TrialBagWriter(bag, metadata, recording) as writer:
             for topic, time_ns, data in self.messages():
                 if topic != without:
                     writer.write(topic, time_ns, data)

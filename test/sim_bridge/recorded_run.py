@@ -63,7 +63,7 @@ def record_run(folder: Path, config: Config) -> Config:
             springs = asked.springs or Springs.of(config.arm)
             bag = trial_bag(folder, plan.index)
             metadata = trial_metadata(plan, config, written, revision(before))
-            with TrialBagWriter(bag, metadata) as writer:
+            with TrialBagWriter(bag, metadata, config.recording) as writer:
                 for topic, time_ns, data in _messages(done, config, springs, practice.arm.plant.reading()):
                     writer.write(topic, time_ns, data)
             summary.add(_row(done, bag, lock_up))

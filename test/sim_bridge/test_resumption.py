@@ -46,11 +46,11 @@ OVERRIDES = (
 EQUAL = ("index", "alpha", "reason", "expected_rms_rad", "training_rms_after_rad", "grown", "outcome")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=["mcap", "sqlite3"])
+def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was not interrupted. Tests only look at it: making it takes seconds."""
     folder = tmp_path_factory.mktemp("runs") / "run"
-    record_run(folder, load_config(PLANAR_ARM, OVERRIDES))
+    record_run(folder, load_config(PLANAR_ARM, [*OVERRIDES, f"recording.storage={request.param}"]))
     return folder
 
 

@@ -28,6 +28,7 @@ SHORT = (
 )
 RUNS = {
     "lms": ("paper.yaml", "practice.trials=3"),
+    "lms in sqlite3": ("paper.yaml", "practice.trials=3", "recording.storage=sqlite3"),
     # Learns from trial 1, which is aborted, and goes back to the network that it began with.
     "adaptive": (
         "planar_arm.yaml",
@@ -45,7 +46,7 @@ def config(name: str) -> Config:
 @pytest.fixture(scope="module", params=list(RUNS))
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run. Tests only look at it: making it takes seconds."""
-    folder = tmp_path_factory.mktemp("runs") / request.param
+    folder = tmp_path_factory.mktemp("runs") / request.param.replace(" ", "_")
     record_run(folder, config(request.param))
     return folder
 

@@ -1,0 +1,244 @@
+"""Whether the recorder keeps up with 1 kHz, four topics and seven joints, and what that costs.
+
+    .venv/bin/python benchmarks/recorder_rate.py
+
+A process publishes joint states, efforts, set points and control states. A real ``trial_recorder`` records
+them into each of the storages; a bare process subscribes to the same topics through rclpy's executor and
+throws the bytes away. Messages a second are those that came, not those that were wanted: on a busy machine
+the publisher may not keep up itself. Loss is what was sent during the trial and is not in the bag.
+
+With ``--trials`` it also opens, reads and learns from a run of so many trials: copies of a recorded one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from recorder_kills import Client, in_bag, is_same, record
+from recorder_stream import Stream
+from rosbags.highlevel import AnyReader
+
+from tel_ros.core.config import RecordingConfig
+from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes import qos
+from tel_ros.recording import topics
+from tel_ros.recording.bag_writer import CHECKSUMS, BagWriter
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.trial_bag import check_bag, read_trial
+
+ROOT = Path(__file__).parents[1]
+SAMPLE_RUN = ROOT / "bags" / "sample_run"
+RATE_HZ, N_JOINTS, N_POINTS = 1000.0, 7, 5000
+COMMANDS = (topics.EFFORT_COMMANDS, topics.POSITION_COMMANDS)
+STORAGES = ("mcap", "sqlite3")
+WARM_UP_S = 2.0
+
+
+@dataclass(frozen=True)
+class Rate:
+    """What one process did while the others were as in a run.
+
+    Args:
+        who: the storage, or the bare subscriber.
+        sent_per_s: messages that were published in a second, on all topics together.
+        heard_per_s: messages that came.
+        lost: messages that were sent during the trial and are not there.
+        cpu: share of a core.
+        bytes_per_message: of the data file; NaN without one.
+        payload_per_message: bytes of a message as it is sent.
+    """
+
+    who: str
+    sent_per_s: float
+    heard_per_s: float
+    lost: int
+    cpu: float
+    bytes_per_message: float
+    payload_per_message: float
+
+
+def listen(domain: int, counts: Any) -> None:
+    """Be the bare subscriber; runs in a process of its own."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node("bare", context=context)
+
+    def heard(raw: bytes) -> None:
+        counts.value += 1
+
+    for topic, kind in Stream.types(COMMANDS).items():
+        node.create_subscription(kind, topic, heard, qos.EVERYTHING, raw=True)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    executor.spin()
+
+
+def bare(duration_s: float, domain: int) -> Rate:
+    """Measure a process that does nothing with what it hears."""
+    spawner = multiprocessing.get_context("forkserver")
+    counts = spawner.Value("q", 0)
+    process = spawner.Process(target=listen, args=(domain, counts), daemon=True)
+    process.start()
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    client = Client(context)
+    try:
+        with Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream:
+            if not client.spin_until(lambda: counts.value > 0, 60.0):
+                raise TimeoutError("the bare subscriber hears nothing")
+            client.spin_until(lambda: False, WARM_UP_S)
+            stream.begin(1)
+            heard, cpu_s, began = counts.value, cpu_time_s(process.pid), time.monotonic()
+            client.spin_until(lambda: False, duration_s)
+            sent, elapsed_s = list(stream.sent), time.monotonic() - began
+            heard, cpu_s = counts.value - heard, cpu_time_s(process.pid) - cpu_s
+    finally:
+        process.kill()
+        process.join()
+        client.destroy_node()
+        context.try_shutdown()
+    payload = float(np.mean([len(raw) for _, _, raw in sent]))
+    # What was on its way at either end is not lost: this process does not know which messages came.
+    return Rate("bare", len(sent) / elapsed_s, heard / elapsed_s, 0, cpu_s / elapsed_s, np.nan, payload)
+
+
+def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate:
+    """Measure the recorder over one trial."""
+    spawner = multiprocessing.get_context("forkserver")
+    process = spawner.Process(target=record, args=(domain, storage, RecordingConfig().chunk_s))
+    process.start()
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    client = Client(context)
+    bag = folder / storage
+    try:
+        with Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream:
+            if not client.spin_until(client.is_ready, 60.0):
+                raise TimeoutError("the recorder did not come up")
+            client.spin_until(lambda: False, WARM_UP_S)
+            client.answer(client.call_start(bag, stream.goal(1, N_POINTS)))
+            stream.begin(1)
+            cpu_s, began = cpu_time_s(process.pid), time.monotonic()
+            client.spin_until(lambda: False, duration_s)
+            cpu_s, elapsed_s = cpu_time_s(process.pid) - cpu_s, time.monotonic() - began
+            result = stream.end(1)
+            end_ns = result.end_stamp.sec * NS_PER_S + result.end_stamp.nanosec
+            sent = [message for message in stream.sent if message[1] <= end_ns]
+            answer = client.answer(client.call_stop(result))
+    finally:
+        process.terminate()
+        process.join(10.0)
+        process.kill()
+        client.destroy_node()
+        context.try_shutdown()
+    saved = in_bag(bag)
+    lost = sum(not is_same(saved[topic].get(stamp, b""), raw) for topic, stamp, raw in sent)
+    if lost != answer.dropped:
+        print(f"{storage}: the recorder says that it has dropped {answer.dropped} ticks", file=sys.stderr)
+    n_saved = sum(answer.message_counts)
+    size = sum(file.stat().st_size for file in bag.iterdir() if file.suffix in (".mcap", ".db3"))
+    payload = float(np.mean([len(raw) for _, _, raw in sent]))
+    came = (len(sent) - lost) / elapsed_s
+    return Rate(storage, len(sent) / elapsed_s, came, lost, cpu_s / elapsed_s, size / n_saved, payload)
+
+
+def cpu_time_s(pid: int) -> float:
+    """Return how long a process has had a core so far."""
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
+
+
+def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:
+    """Return so many bags in a storage, each a copy of the sample run's first trial."""
+    source = SAMPLE_RUN / "trial_001"
+    bags = [folder / storage / f"trial_{k + 1:03d}" for k in range(n_trials)]
+    metadata = dict(read_trial(source).metadata)
+    with AnyReader([source]) as reader:
+        messages = [(c.topic, time_ns, bytes(raw)) for c, time_ns, raw in reader.messages()]
+        kinds, store = {c.topic: c.msgtype for c in reader.connections}, reader.typestore
+        for bag in bags:
+            with BagWriter(bag, metadata, RecordingConfig(storage=storage)) as writer:  # type: ignore[arg-type]
+                for topic, kind in kinds.items():
+                    writer.add_topic(topic, kind, store)
+                for message in messages:
+                    writer.write(*message)
+    if not all((bag / CHECKSUMS).is_file() for bag in bags):
+        raise ValueError("a bag was not closed")
+    return bags
+
+
+def reading(storage: str, folder: Path, n_trials: int) -> str:
+    """Return a row: what it takes to open, read and learn from a run, in CPU time."""
+    config = load_config(SAMPLE_RUN / "run.yaml")
+    bags = copied_run(storage, folder, n_trials)
+    began = time.process_time()
+    for bag in bags:
+        check_bag(bag)
+    opened = time.process_time()
+    trials = [read_trial(bag) for bag in bags]
+    read = time.process_time()
+    network = new_network(config)
+    for trial in trials:
+        network, _ = network.trained_on(
+            configured_samples(trial.signals(), config.learning), config.learning.training
+        )
+    trained = time.process_time()
+    size_mb = sum(file.stat().st_size for bag in bags for file in bag.iterdir()) / 1e6
+    ticks = sum(len(trial.time_ns) for trial in trials)
+    cells = (storage, n_trials, ticks, f"{size_mb:.1f}", f"{opened - began:.2f}", f"{read - opened:.2f}")
+    return "| " + " | ".join(map(str, (*cells, f"{trained - read:.2f}"))) + " |"
+
+
+def main() -> None:
+    """Measure and print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--duration-s", type=float, default=20.0)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--first-domain", type=int, default=40)
+    options = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["tel_ros.nodes.trial_recorder"])
+    domain = options.first_domain
+    print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before it began\n")
+    if options.repeats:
+        print("| | sent/s | heard/s | lost | CPU % of a core | bytes/message on disk | as sent |")
+        print("|---" * 7 + "|", flush=True)
+    for _ in range(options.repeats):
+        with tempfile.TemporaryDirectory() as folder:
+            rows = [bare(options.duration_s, domain)]
+            rows += [
+                recorded(storage, options.duration_s, domain + n, Path(folder))
+                for n, storage in enumerate(STORAGES, start=1)
+            ]
+        domain += len(rows)
+        for row in rows:
+            cells = (row.who, f"{row.sent_per_s:.0f}", f"{row.heard_per_s:.0f}", row.lost)
+            figures = (100.0 * row.cpu, row.bytes_per_message, row.payload_per_message)
+            print("| " + " | ".join(map(str, (*cells, *(f"{x:.0f}" for x in figures)))) + " |", flush=True)
+    print(
+        "\n| storage | trials | ticks | MB | open, CPU s | read, CPU s | learn, CPU s |\n" + "|---" * 7 + "|"
+    )
+    for storage in STORAGES:
+        with tempfile.TemporaryDirectory() as folder:
+            print(reading(storage, Path(folder), options.trials), flush=True)
+
+
+if __name__ == "__main__":
+    main()

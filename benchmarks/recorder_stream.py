@@ -1,0 +1,208 @@
+"""What a recorder hears of an arm and its controller, published at a fixed rate by a thread of its own.
+
+Stamps are those of an arm whose clock is perfect; the values are sines with noise, so that they compress no
+better than measured ones. Messages are made beforehand and get their stamps when they are sent.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from array import array
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
+from tel_interfaces.srv import StartRecording, StopRecording
+
+from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import to_time
+from tel_ros.recording import topics
+from tel_ros.recording.serialised import header_stamp_ns, trial_index
+
+_POOL_S = 1.0
+_LABEL = b"1000000000000000000"  # as many digits as stamps of our time have
+_STAMP_AT, _TRIAL_AT = 4, 20
+_TYPES = {
+    topics.JOINT_STATES: JointState,
+    topics.EFFORT_COMMANDS: Float64MultiArray,
+    topics.POSITION_COMMANDS: Float64MultiArray,
+    topics.CONTROL_STATES: ControlState,
+}
+Sent = tuple[str, int, bytes]
+"""Topic, stamp in ns, bytes."""
+
+
+class Stream:
+    """Publishes a tick's messages again and again from when it is entered until it is left.
+
+    Args:
+        node: that publishes.
+        rate_hz: ticks a second.
+        n_joints: of the arm.
+        command_topics: that every tick has a command on.
+        seed: of the values.
+    """
+
+    def __init__(
+        self, node: Node, rate_hz: float, n_joints: int, command_topics: tuple[str, ...], seed: int
+    ) -> None:
+        self.period_ns = round(NS_PER_S / rate_hz)
+        self._order = (topics.JOINT_STATES, *command_topics, topics.CONTROL_STATES)
+        self._publishers = {t: node.create_publisher(_TYPES[t], t, qos.STREAM) for t in self._order}
+        self._joints = [f"joint_{k + 1}" for k in range(n_joints)]
+        self._pool = self._made_beforehand(round(_POOL_S * rate_hz), np.random.default_rng(seed))
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self.stamp_ns = time.time_ns()
+        self.trial = 0
+        """Index of the trial under way; 0: none."""
+        self.sent: list[Sent] = []
+        """What has been sent since :meth:`begin`."""
+
+    @staticmethod
+    def types(command_topics: tuple[str, ...]) -> dict[str, type]:
+        """Return the topics that it would publish and their types."""
+        return {t: _TYPES[t] for t in (topics.JOINT_STATES, *command_topics, topics.CONTROL_STATES)}
+
+    def begin(self, trial: int) -> None:
+        """Let a trial begin with the next tick."""
+        with self._lock:
+            self.sent, self.trial = [], trial
+
+    def end(self, trial: int) -> TrialResult:
+        """Let the trial end with the last tick, and return its result."""
+        with self._lock:
+            self.trial = 0
+            ticks = [stamp for topic, stamp, raw in self.sent if topic == topics.CONTROL_STATES]
+        return TrialResult(
+            index=trial,
+            duration_s=len(ticks) * self.period_ns / NS_PER_S,
+            start_stamp=to_time(ticks[0]),
+            run_stamp=to_time(ticks[0]),
+            end_stamp=to_time(ticks[-1]),
+            ticks=len(ticks),
+            joint_names=self._joints,
+        )
+
+    def goal(self, trial: int, n_points: int) -> TrialGoal:
+        """Return a goal of so many points."""
+        n = n_points * len(self._joints)
+        values = array("d", np.random.default_rng(trial).normal(size=n))
+        times = array("q", (self.period_ns * np.arange(n_points)).tolist())
+        return TrialGoal(
+            trial=trial,
+            alpha=1.0,
+            joint_names=self._joints,
+            time_ns=times,
+            position_rad=values,
+            velocity_rad_s=values,
+            acceleration_rad_s2=values,
+            equilibrium_rad=values,
+        )
+
+    def __enter__(self) -> Stream:
+        """Begin to publish."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        next_s, tick = time.monotonic(), 0
+        while not self._stopping.is_set():
+            with self._lock:
+                self._tick(self._pool[tick % len(self._pool)])
+            tick += 1
+            next_s += self.period_ns / NS_PER_S  # what was missed is caught up with
+            time.sleep(max(0.0, next_s - time.monotonic()))
+
+    def _tick(self, templates: dict[str, bytes]) -> None:
+        self.stamp_ns += self.period_ns
+        for topic in self._order:
+            raw = self._stamped(topic, templates[topic])
+            self._publishers[topic].publish(raw)
+            self.sent.append((topic, self.stamp_ns, raw))
+
+    def _stamped(self, topic: str, template: bytes) -> bytes:
+        if _TYPES[topic] is Float64MultiArray:
+            return template.replace(_LABEL, str(self.stamp_ns).encode(), 1)
+        message = bytearray(template)
+        struct.pack_into("<iI", message, _STAMP_AT, *divmod(self.stamp_ns, NS_PER_S))
+        if topic == topics.CONTROL_STATES:
+            struct.pack_into("<I", message, _TRIAL_AT, self.trial)
+        return bytes(message)
+
+    def _made_beforehand(self, n: int, rng: np.random.Generator) -> list[dict[str, bytes]]:
+        n_joints = len(self._joints)
+        phase = 2.0 * np.pi * (np.arange(n)[:, None] / n + rng.random(n_joints))
+
+        def column() -> list[Any]:
+            values = np.sin(phase) + 1e-4 * rng.normal(size=(n, n_joints))
+            return [array("d", row) for row in values]
+
+        position, velocity, effort, equilibrium = column(), column(), column(), column()
+        desired, desired_velocity, desired_acceleration = column(), column(), column()
+        layout = Float64MultiArray().layout
+        layout.dim = [MultiArrayDimension(label=_LABEL.decode(), size=n_joints, stride=n_joints)]
+        pool = []
+        for k in range(n):
+            state = JointState(
+                name=self._joints, position=position[k], velocity=velocity[k], effort=effort[k]
+            )
+            control = ControlState(
+                trial=1,
+                phase=ControlState.RUN,
+                desired_position_rad=desired[k],
+                desired_velocity_rad_s=desired_velocity[k],
+                desired_acceleration_rad_s2=desired_acceleration[k],
+                equilibrium_rad=equilibrium[k],
+                position_rad=position[k],
+                velocity_rad_s=velocity[k],
+                effort_nm=effort[k],
+                saturated=[False] * n_joints,
+            )
+            commands = {
+                t: serialize_message(Float64MultiArray(layout=layout, data=effort[k]))
+                for t in self._order[1:-1]
+            }
+            pool.append(
+                {
+                    topics.JOINT_STATES: serialize_message(state),
+                    topics.CONTROL_STATES: serialize_message(control),
+                    **commands,
+                }
+            )
+        self._check_places(pool[0])
+        return pool
+
+    @staticmethod
+    def _check_places(templates: dict[str, bytes]) -> None:
+        probe = bytearray(templates[topics.CONTROL_STATES])
+        struct.pack_into("<iI", probe, _STAMP_AT, 12, 34)
+        struct.pack_into("<I", probe, _TRIAL_AT, 56)
+        if (header_stamp_ns(bytes(probe)), trial_index(bytes(probe))) != (12 * NS_PER_S + 34, 56):
+            raise ValueError("stamp and index of a trial do not lie where they are written")
+
+
+def start_request(bag: str, goal: TrialGoal) -> StartRecording.Request:
+    """Return the request that opens a bag."""
+    return StartRecording.Request(bag=bag, goal=goal, metadata_keys=["seed"], metadata_values=["1"])
+
+
+def stop_request(result: TrialResult) -> StopRecording.Request:
+    """Return the request that closes it."""
+    return StopRecording.Request(result=result)
