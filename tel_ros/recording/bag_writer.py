@@ -6,14 +6,13 @@ import hashlib
 import os
 import shutil
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 
 import yaml
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -25,6 +24,7 @@ from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.message_types import typestore
+from tel_ros.recording.offered_qos import offered_qos
 
 UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""
@@ -107,9 +107,18 @@ class BagWriter:
         self._chunk_began_ns: int | None = None
         self._disk_refused = False
 
-    def add_topic(self, topic: str, kind: str, store: Typestore) -> None:
-        """Announce a topic; ``store`` has the definition of its type, which goes into the bag."""
-        self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
+    def add_topic(self, topic: str, kind: str, store: Typestore, offered: Sequence[Qos] = ()) -> None:
+        """Announce a topic.
+
+        Args:
+            topic: its name.
+            kind: name of its type.
+            store: has the definition of its type, which goes into the bag.
+            offered: how it was published, for those who play it.
+        """
+        self._connections[topic] = self._writer.add_connection(
+            topic, kind, typestore=store, offered_qos_profiles=offered
+        )
         self.counts[topic] = 0
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
@@ -219,9 +228,8 @@ class TrialBagWriter(BagWriter):
         super().__init__(bag, metadata, recording)
         store = typestore()
         for topic, kind in {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}.items():
-            self.add_topic(topic, kind, store)
-        # Which of the topics of commands a trial has shows when the first one comes.
-        self._add_command = partial(self.add_topic, store=store)
+            self.add_topic(topic, kind, store, [offered_qos(topic)])
+        self._store = store
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
         """Append one serialised message.
@@ -230,7 +238,8 @@ class TrialBagWriter(BagWriter):
             BagError: the disk does not take it.
         """
         if topic not in self._connections:
-            self._add_command(topic, topics.RECORDED_COMMANDS[topic])
+            # Which of the topics of commands a trial has shows when the first one comes.
+            self.add_topic(topic, topics.RECORDED_COMMANDS[topic], self._store, [offered_qos(topic)])
         super().write(topic, time_ns, serialised)
 
     def __enter__(self) -> TrialBagWriter:

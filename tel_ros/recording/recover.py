@@ -22,6 +22,7 @@ from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, BagWriter
+from tel_ros.recording.offered_qos import offered_qos
 from tel_ros.recording.trial_bag import check_bag
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -200,7 +201,8 @@ def _rewrite(
         saved = f"{reader.message_count} messages, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
         with BagWriter(out, metadata | {RECOVERED: saved}, RecordingConfig(storage=storage)) as writer:
             for connection in reader.connections:
-                writer.add_topic(connection.topic, connection.msgtype, reader.typestore)
+                offered = [offered_qos(connection.topic)]
+                writer.add_topic(connection.topic, connection.msgtype, reader.typestore, offered)
             for topic, time_ns, raw in _messages(copy):
                 writer.write(topic, time_ns, raw)
     return writer.counts

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
 from synthetic_trial import METADATA, PERIOD_NS, SyntheticTrial
 
 from tel_ros.core.config import RecordingConfig
@@ -55,6 +57,16 @@ def test_a_trial_is_the_same_in_either_storage(
     information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert information["storage_identifier"] == recording.storage
     assert (information["version"], information["relative_file_paths"]) == (9, [data_file(bag).name])
+
+
+def test_a_bag_tells_players_to_be_reliable_and_to_keep_what_comes_once_for_late_ones(
+    tmp_path: Path, trial: SyntheticTrial, recording: RecordingConfig
+) -> None:
+    with AnyReader([trial.write(tmp_path / "trial_003", recording=recording)]) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+    assert {qos.reliability for (qos,) in offered.values()} == {QosReliability.RELIABLE}
+    late = {topic for topic, (qos,) in offered.items() if qos.durability == QosDurability.TRANSIENT_LOCAL}
+    assert late == {topics.TRIAL_GOAL, topics.TRIAL_RESULT}
 
 
 def test_data_that_have_changed_are_refused_in_either_storage(
