@@ -67,8 +67,8 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(4.5))
-    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    handle = running.send(running.goal(12.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 3.0 for s in states[-50:]), 90.0, "3 s of RUN")
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     result = running.result(handle, 120.0)
     assert result.outcome == TrialResult.CANCELLED
