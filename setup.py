@@ -101,7 +101,7 @@ setup(
         "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name.
         "test": ["pytest", "pytest-timeout", "pytest-xdist"],
-        "dev": ["build", "mypy", "ruff", "types-psutil", "types-PyYAML"],
+        "dev": ["build", "mypy", "packaging", "ruff", "types-psutil", "types-PyYAML", "wheel"],
         # The documentation site (`make docs`).
         "docs": ["mkdocs>=1.6", "mkdocs-click", "mkdocs-material", "mkdocstrings[python]"],
     },

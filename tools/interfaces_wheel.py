@@ -2,9 +2,9 @@
 
 Usage: python tools/interfaces_wheel.py FOLDER
 
-tel_interfaces is compiled (rosidl, ament_cmake) and installed into this environment by `make setup`. The wheel
-puts the same files into another environment; it fits the Python version and the platform that it was made with,
-and ROS 2 Jazzy from the same wheels. Beside a ROS installation, build the package with colcon instead.
+tel_interfaces is compiled (rosidl, ament_cmake) and installed into this environment by `make setup`. The
+wheel puts the same files into another environment; it fits the Python version and the platform that it was
+made with, and ROS 2 Jazzy from wheels. Beside a ROS installation, build the package with colcon instead.
 """
 
 import platform
@@ -19,7 +19,12 @@ from wheel.wheelfile import WheelFile
 NAME = "tel_interfaces"
 ROOT = Path(__file__).resolve().parent.parent
 # The compiled libraries link with those of these packages.
-REQUIRES = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-std-msgs", "ros-jazzy-trajectory-msgs")
+REQUIRES = (
+    "ros-jazzy-rclpy",
+    "ros-jazzy-rmw-fastrtps-cpp",
+    "ros-jazzy-std-msgs",
+    "ros-jazzy-trajectory-msgs",
+)
 
 
 def installed_files(prefix: Path) -> Iterator[tuple[Path, str]]:
