@@ -47,4 +47,5 @@ def _end_unexpected(error: Exception) -> NoReturn:
     frame = traceback.extract_tb(error.__traceback__)[-1]
     hint = "" if wants_traceback() else "; TEL_DEBUG=1 shows how it came to that"
     where = f"{frame.filename}:{frame.lineno}"
-    end(f"unexpected {type(error).__name__}: {error} ({where}){hint}", EXIT_GRAPH_FAILED)
+    said = " ".join(str(error).split())
+    end(f"unexpected {type(error).__name__}: {said} ({where}){hint}", EXIT_GRAPH_FAILED)

@@ -62,7 +62,7 @@ def failing(error: Exception) -> click.Group:
     ("error", "code", "parts"),
     [
         (
-            RuntimeError("the dog ate it"),
+            RuntimeError("the dog\n  ate it"),
             3,
             ["RuntimeError", "the dog ate it", "test_commands.py", "TEL_DEBUG"],
         ),

@@ -100,9 +100,8 @@ def _commands(folder: Path) -> Path:
     commands = folder.parent / f"{folder.name}-commands"
     commands.mkdir(exist_ok=True)
     tel = commands / "tel"
-    tel.write_text(
-        f"#!{sys.executable}\nimport sys\nfrom tel_ros.app.cli import main\nmain(prog_name='tel')\n"
-    )
+    program = "from tel_ros.app.cli import main\nif __name__ == '__main__':\n    main(prog_name='tel')\n"
+    tel.write_text(f"#!{sys.executable}\n{program}")
     tel.chmod(0o755)
     return commands
 
