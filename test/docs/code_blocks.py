@@ -88,7 +88,7 @@ def run_text(language: str, text: str, folder: Path, timeout_s: float) -> subpro
         **os.environ,
         "PATH": f"{_commands(folder)}:{Path(sys.executable).parent}:{os.environ['PATH']}",
         "PYTHONPATH": f"{folder}:{ROOT}",
-        "COLUMNS": "100",
+        "COLUMNS": "80",
     }
     return subprocess.run(
         [*command, text], cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout_s
