@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tel_ros.app import config_argument
+from tel_ros.app import bring_up, config_argument
 from tel_ros.app.cli import main
 from tel_ros.app.command_group import CommandGroup
 from tel_ros.core.errors import ConfigError
@@ -100,6 +100,16 @@ def test_the_shipped_configurations_are_listed_and_can_all_be_read() -> None:
         assert row["about"]
         if "package://" not in Path(row["file"]).read_text():
             load_config(row["file"])
+
+
+def test_practice_without_the_simulator_says_what_to_install_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bring_up, "find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["practice", "planar_arm", "--out", str(tmp_path / "run")])
+    assert result.exit_code == 3
+    assert "pip install 'tel_ros[sim]'" in result.stderr
+    assert not (tmp_path / "run").exists()
 
 
 def converted(value: str) -> Path:
