@@ -9,7 +9,7 @@ SHELL := /bin/bash
 # Used when .venv is made; to change it later, `make clean` first.
 PYTHON ?= python3
 VENV := .venv
-EXTRAS := ros,interfaces,sim,report,rigid-body,sweep,test,dev
+EXTRAS := ros,interfaces,sim,report,rigid-body,sweep,test,dev,docs
 
 # The environment is whole and stands on its own. What a sourced ROS or another environment exports
 # would put other versions of the same libraries in front of it.
@@ -31,7 +31,7 @@ PACKAGES := $(VENV)/.packages
 INTERFACES := $(VENV)/.interfaces
 INTERFACE_FILES := $(shell find interfaces -type f)
 
-.PHONY: help setup demo test check constraints clean
+.PHONY: help setup demo test check docs dist constraints clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -52,6 +52,15 @@ check: setup  ## linters and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+
+# The variable silences what the theme says about the successors of mkdocs, which is no warning about our pages.
+docs: setup  ## the documentation site, into site/
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
+
+dist: setup  ## wheels and source distribution, into dist/
+	rm -rf dist
+	$(VENV)/bin/python -m build --no-isolation --outdir dist .
+	$(VENV)/bin/python tools/interfaces_wheel.py dist
 
 # An environment names its folder in many places: one that was copied or moved is made anew.
 ifneq ($(shell test -x $(VENV)/bin/python && cat $(CREATED) 2>/dev/null),$(CURDIR))
@@ -79,5 +88,5 @@ constraints:  ## the newest versions of everything, into constraints.txt
 	$(PYTHON) tools/refresh_constraints.py $(EXTRAS)
 
 clean:  ## remove everything that was built, but no bags
-	rm -rf $(VENV) build install log .pytest_cache .mypy_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) build dist site install log .pytest_cache .mypy_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,5 +1,6 @@
 """The ament_python package tel_ros; also what pip installs where there is no ROS."""
 
+import ast
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -10,6 +11,14 @@ SHARE = Path("share/tel_ros")
 # Folders of configuration and robot descriptions keep their places below share/tel_ros, because the
 # files refer to each other by relative path.
 SHARED = ("config/**/*", "launch/**/*", "sim_bridge/urdf/**/*")
+
+
+def version() -> str:
+    """Return __version__ of the package, the one place where it is written for Python."""
+    for statement in ast.parse((ROOT / "tel_ros" / "__init__.py").read_text()).body:
+        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "__version__":
+            return ast.literal_eval(statement.value)
+    raise ValueError("tel_ros/__init__.py has no __version__")
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -25,8 +34,10 @@ def shared_files() -> list[tuple[str, list[str]]]:
 
 setup(
     name="tel_ros",
-    version="0.1.0",
+    version=version(),
     description="Trajectory Extension Learning: robot arms that get better at a movement by practice.",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     maintainer="tel_ros contributors",
     maintainer_email="maintainers@tel-ros.invalid",
     license="Apache-2.0",
@@ -98,7 +109,9 @@ setup(
             "pytest-xdist",
             "rosbag-doctor",
         ],
-        "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],
+        "dev": ["build", "mypy", "packaging", "ruff", "types-psutil", "types-PyYAML", "wheel"],
+        # The documentation site (`make docs`).
+        "docs": ["mkdocs>=1.6", "mkdocs-click", "mkdocs-material", "mkdocstrings[python]"],
     },
     entry_points={
         "console_scripts": [

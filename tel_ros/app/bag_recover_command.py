@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -18,7 +20,10 @@ from tel_ros.recording.recover import recover
     type=click.Path(path_type=Path),
     help="Folder of the new bag (default: recovered/NAME in the folder of the run).",
 )
-def recover_command(unfinished: Path, out: Path | None) -> None:
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print what was saved as JSON, and nothing else, on stdout."
+)
+def recover_command(unfinished: Path, out: Path | None, as_json: bool) -> None:
     """Save what a crash has left of a recording.
 
     UNFINISHED is a folder below a run's .unfinished; it stays as it is. Everything up to the last whole chunk
@@ -28,6 +33,10 @@ def recover_command(unfinished: Path, out: Path | None) -> None:
         found = recover(unfinished, out)
     except TelError as error:
         end(str(error), EXIT_BAD_INPUT)
+    if as_json:
+        values = {**asdict(found), "bag": str(found.bag), "unfinished": str(unfinished)}
+        click.echo(json.dumps(values, indent=2))
+        return
     for topic, n in found.counts.items():
         click.echo(f"{n:8d}  {topic}")
     click.echo(f"{found.lost_bytes} bytes behind the last whole chunk are lost")

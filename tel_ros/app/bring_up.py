@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 
@@ -41,6 +42,16 @@ def node_names(config: Config) -> list[str]:
     """Return the nodes that a run of this configuration starts."""
     needed = {"sim_bridge": config.run.arm == "sim", "arm_guard": config.is_guarded}
     return [name for name in MODULES if needed.get(name, True)]
+
+
+def require_simulator() -> None:
+    """Make sure that the simulated arm can be started.
+
+    Raises:
+        ModuleNotFoundError: PyBullet, which it runs in, is not installed.
+    """
+    if find_spec("pybullet") is None:
+        raise ModuleNotFoundError("the simulated arm needs it", name="pybullet")
 
 
 class NodeProcesses:

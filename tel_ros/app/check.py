@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tel_ros.app.bring_up import NodeProcesses
+from tel_ros.app.bring_up import NodeProcesses, require_simulator
 from tel_ros.app.errors import GraphError
 from tel_ros.core.check.bounds import MOST_STATE_GAP_S, Guard, PulseBounds
 from tel_ros.core.check.connections import judge_connections, judge_names
@@ -122,6 +122,7 @@ def _arm_of(config: Config) -> Iterator[Callable[[], None]]:
         yield lambda: None
         return
     _refuse_other_arm(config)
+    require_simulator()
     with tempfile.TemporaryDirectory(prefix="tel_check_") as folder:
         file = Path(folder) / "run.yaml"
         file.write_text(dump_config(config), encoding="utf-8")

@@ -13,6 +13,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from tel_ros.app.config_argument import config_argument
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -41,7 +42,7 @@ _COLOURS = {
 
 
 @click.command()
-@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@config_argument
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key.")
 @click.option("--passive", is_flag=True, help="Only listen: nothing is ever commanded.")
 @click.option("--yes", is_flag=True, help="Agree to the pulses beforehand, for scripts.")

@@ -14,7 +14,10 @@ from rich.console import Console
 from tel_ros import __version__
 from tel_ros.app.bag_command import bag
 from tel_ros.app.check_command import check
+from tel_ros.app.command_group import CommandGroup
 from tel_ros.app.compare_command import compare
+from tel_ros.app.config_argument import ConfigFile
+from tel_ros.app.configs_command import configs
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -37,31 +40,45 @@ _PROGRESS = Console(stderr=True)
 _OUT = Console()
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tel")
 def main() -> None:
     """Robot arms that get better at a movement by practice.
 
     \b
-    tel practice config/paper.yaml      a practice run: slow at first, faster trial by trial
+    tel configs                         what there is to begin with
+    tel practice planar_arm             a practice run: slow at first, faster trial by trial
     tel practice --resume bags/RUN      go on with one that was interrupted
     tel report bags/RUN                 its report, again
-    tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
-    tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
-    tel bag info bags/RUN/trial_001     what a bag holds, and whether it is whole; tel bag plot draws it
+    tel check my_arm.yaml               is the arm what its configuration says? before it moves far
+    tel compare planar_arm              other methods beside it: one table, one figure
+    tel sweep planar_arm …              many practice runs over grids of values, one table
+
+    \b
+    tel bag info bags/RUN               what bags hold, and whether they are whole
+    tel bag plot bags/RUN/trial_001     a figure of one
+    tel bag recover bags/RUN/.unfinished/trial_004   what a crash has left of one
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
-    tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
     tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of
                                         any arm, from recordings that other programs made
     tel predict NETWORK MOVEMENT        the torques that a movement takes, and how sure they are
 
+    \b
+    A first run, then one of your own:
+      tel practice planar_arm
+      tel practice planar_arm --set path.file=my_waypoints.csv --set practice.goal_duration_s=3.5
+
+    `tel COMMAND --help` tells the rest. Results go to stdout (as JSON with --json), progress to stderr.
+    Tab completion: eval "$(_TEL_COMPLETE=bash_source tel)", or zsh_source, fish_source. TEL_DEBUG=1 shows
+    where an error comes from.
+
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
-    moved), 3 the node graph failed, 130 interrupted.
+    moved), 3 the node graph failed, or a part of the software is missing, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
 
 
 @main.command()
-@click.argument("config_file", metavar="[CONFIG]", required=False, type=click.Path(path_type=Path))
+@click.argument("config_file", metavar="[CONFIG]", required=False, type=ConfigFile())
 @click.option(
     "--set",
     "overrides",
@@ -95,8 +112,9 @@ def practice(
 ) -> None:
     """Run a practice run: bring the node graph up, practise, take it down.
 
-    CONFIG is a YAML file such as config/paper.yaml. The run's folder gets a bag for each trial, the learned
-    network, run.yaml, summary.json and report.html. A run that was interrupted goes on with --resume.
+    CONFIG is a YAML file, or the name of one that `tel configs` lists. The run's folder gets a bag for each
+    trial, the learned network, run.yaml, summary.json and report.html. A run that was interrupted goes on
+    with --resume.
     """
     require_either(config_file, resumed, {"--set": overrides, "--out": out})
     # Imported late: `tel --help` and `tel report` need no ROS.
@@ -143,6 +161,7 @@ def practice(
 main.add_command(bag)
 main.add_command(check)
 main.add_command(compare)
+main.add_command(configs)
 main.add_command(replay)
 main.add_command(predict)
 main.add_command(sweep)
@@ -151,12 +170,14 @@ main.add_command(train)
 
 @main.command()
 @click.argument("run", type=click.Path(path_type=Path))
-def report(run: Path) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print the name of the report as JSON on stdout.")
+def report(run: Path, as_json: bool) -> None:
     """Make the report of the practice run in folder RUN, from its bags."""
     try:
-        click.echo(_report(run))
+        file = _report(run)
     except TelError as error:
         end(str(error), EXIT_BAD_INPUT)
+    click.echo(json.dumps({"report": str(file)}) if as_json else file)
 
 
 def _report(folder: Path) -> Path:
@@ -169,8 +190,8 @@ def _report_at_the_end(folder: Path, as_json: bool) -> None:
     """Make the report of a run that has ended; if that fails, the run is still what it was."""
     try:
         file = _report(folder)
-    except TelError as error:
-        click.echo(f"tel: no report: {error}", err=True)
+    except (TelError, ModuleNotFoundError) as error:
+        click.echo(f"tel: no report: {error} (`tel report {folder}` makes it later)", err=True)
         return
     if not as_json:
         _OUT.print(f"report  {file}", highlight=False, soft_wrap=True)

@@ -10,12 +10,13 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tel_ros.app.config_argument import config_argument
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import TelError
 
 
 @click.command()
-@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@config_argument
 @click.option("--methods", default="", metavar="A,B,…", help="Methods to compare. Default: all.")
 @click.option(
     "--seeds", default=10, show_default=True, help="Arms, each with its masses, friction and noise."

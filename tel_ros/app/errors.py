@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import traceback
 from typing import NoReturn
 
 import click
@@ -33,6 +35,13 @@ class NodeDiedError(GraphError):
 
 
 def end(message: str, code: int) -> NoReturn:
-    """Say in one line what happened, and exit."""
+    """Say in one line what happened, and exit; with TEL_DEBUG set, say first where it was raised."""
+    if wants_traceback() and sys.exc_info()[0] is not None:
+        traceback.print_exc()
     click.echo(f"tel: {message}", err=True)
     sys.exit(code)
+
+
+def wants_traceback() -> bool:
+    """Whether whoever started this wants to see where an error comes from."""
+    return bool(os.environ.get("TEL_DEBUG"))

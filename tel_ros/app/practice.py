@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tel_interfaces.action import Practice
 
-from tel_ros.app.bring_up import NodeProcesses, node_names
+from tel_ros.app.bring_up import NodeProcesses, node_names, require_simulator
 from tel_ros.app.errors import GraphError
 from tel_ros.app.liveness import Liveness
 from tel_ros.core.config import Config, PathConfig
@@ -83,10 +83,13 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
 
     Raises:
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
+        ModuleNotFoundError: PyBullet is missing, which the simulated arm needs; nothing was started.
         GraphError: a graph is running already, a node died or did not come up; the graph is down.
         KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
     """
     check_before_moving(config)
+    if config.run.arm == "sim":
+        require_simulator()
     _keep_to_this_machine(config)
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)

@@ -11,6 +11,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from tel_ros.app.config_argument import config_argument
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.app.sweep_plan import MapPlan, SweepFile, make_plan, read_sweep_file
 from tel_ros.core.errors import TelError
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@config_argument
 @click.option(
     "--grid",
     metavar="KEY=V1,V2,…",

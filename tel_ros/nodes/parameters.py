@@ -7,11 +7,8 @@ the file: ``-p control.corridor_rad:=0.5``. All are read-only: a run is one conf
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import inspect
 from array import array
-from functools import cache
 from typing import Any, get_type_hints
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -21,6 +18,7 @@ from rclpy.parameter import Parameter
 
 from tel_ros.core import config as records
 from tel_ros.core.config import Config
+from tel_ros.core.config_docs import field_docs
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import default_config_file, flat_values, load_config, with_values
 
@@ -91,20 +89,9 @@ def _array_type(key: str) -> Parameter.Type:
     return Parameter.Type.STRING_ARRAY if "str" in str(hint) else Parameter.Type.DOUBLE_ARRAY
 
 
-@cache
-def _field_docs(record: type) -> dict[str, str]:
-    """Return the text below each field of a record: the one place where a value is explained."""
-    body = ast.parse(inspect.getsource(record)).body[0].body  # type: ignore[attr-defined]
-    docs = {}
-    for field, text in zip(body, body[1:], strict=False):
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-            docs[ast.unparse(field.target)] = " ".join(str(ast.literal_eval(text.value)).split())
-    return docs
-
-
 def _description(key: str) -> str:
     section, _, name = key.rpartition(".")
     record = get_type_hints(Config)[section] if section else records.Config
     if not dataclasses.is_dataclass(record):
         return ""
-    return _field_docs(record).get(name, "")  # type: ignore[arg-type]
+    return field_docs(record).get(name, "")  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ import yaml
 
 from tel_ros.core.config import Config, JointValues
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.shared_files import share_folder
+from tel_ros.recording.shipped import config_folder
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_file
 
 SourceOf = Callable[[str], str | None]
@@ -58,10 +58,7 @@ _MODEL = _model_of(Config)
 
 def default_config_file() -> Path:
     """Return the paper's protocol, as it lies in a checkout or as it was installed."""
-    checkout = Path(__file__).parents[2]
-    if (checkout / "config" / "paper.yaml").is_file():
-        return checkout / "config" / "paper.yaml"
-    return share_folder("tel_ros") / "config" / "paper.yaml"
+    return config_folder() / "paper.yaml"
 
 
 def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:

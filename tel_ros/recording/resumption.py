@@ -124,7 +124,7 @@ def _why_not(bag: Path) -> str:
 
 
 def _leftovers(folder: Path) -> dict[Path, str]:
-    left = {path: "was never closed" for path in sorted((folder / UNFINISHED).glob("*"))}
+    left = dict.fromkeys(sorted((folder / UNFINISHED).glob("*")), "was never closed")
     if (folder / LOG_FOLDER).is_dir():
         left[folder / LOG_FOLDER] = "logs of before"
     return left

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,12 @@ def test_it_says_what_was_saved_and_where(unfinished: Path, tmp_path: Path) -> N
     ]
     with pytest.raises(BagError, match="was recovered after a crash"):
         read_trial(bag)
+
+
+def test_json_tells_what_was_saved(unfinished: Path, tmp_path: Path) -> None:
+    said = json.loads(CliRunner().invoke(recover_command, [str(unfinished), "--json"]).output)
+    assert said["bag"] == str(tmp_path / "run" / "recovered" / "trial_002")
+    assert (said["counts"][topics.JOINT_STATES], said["lost_bytes"], said["has_result"]) == (20, 0, False)
 
 
 def test_the_new_bag_can_be_put_elsewhere(unfinished: Path, tmp_path: Path) -> None:

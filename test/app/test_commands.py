@@ -1,0 +1,167 @@
+"""What holds for every command: JSON for scripts, one line for what goes wrong, names, completion."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from tel_ros.app import bring_up, config_argument
+from tel_ros.app.cli import main
+from tel_ros.app.command_group import CommandGroup
+from tel_ros.core.errors import ConfigError
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.shipped import shipped_configs
+
+NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot"}
+"""Commands that show something until they are stopped, or write one file."""
+
+
+def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command]]:
+    for key, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{name} {key}")
+        else:
+            yield f"{name} {key}", command
+
+
+@pytest.mark.parametrize(("name", "command"), list(commands(main, "tel")))
+def test_every_command_that_prints_a_result_prints_it_as_json_on_request(
+    name: str, command: click.Command
+) -> None:
+    options = {option for parameter in command.params for option in parameter.opts}
+    assert ("--json" in options) is (name not in NO_RESULT_TO_PRINT)
+
+
+@pytest.mark.parametrize(("name", "command"), list(commands(main, "tel")))
+def test_every_command_is_named_in_the_help_that_teaches(name: str, command: click.Command) -> None:
+    assert name in (main.help or "")
+    assert command.help
+
+
+def failing(error: Exception) -> click.Group:
+    @click.group(cls=CommandGroup)
+    def group() -> None:
+        pass
+
+    @group.command()
+    def fail() -> None:
+        raise error
+
+    return group
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "parts"),
+    [
+        (
+            RuntimeError("the dog\n  ate it"),
+            3,
+            ["RuntimeError", "the dog ate it", "test_commands.py", "TEL_DEBUG"],
+        ),
+        (ConfigError("control.rate_hz", -1.0, "above 0"), 2, ["control.rate_hz", "-1.0", "above 0"]),
+        (ModuleNotFoundError("", name="pybullet"), 3, ["pybullet", "tel_ros[sim]"]),
+        (ModuleNotFoundError("", name="tel_interfaces.action"), 3, ["tel_interfaces", "make dist"]),
+        (KeyboardInterrupt(), 130, ["interrupted"]),
+    ],
+)
+def test_what_no_command_has_caught_ends_in_one_line(error: Exception, code: int, parts: list[str]) -> None:
+    result = CliRunner().invoke(failing(error), ["fail"])
+    assert result.exit_code == code
+    assert result.stdout == ""
+    assert len(result.stderr.strip().splitlines()) == 1
+    for part in parts:
+        assert part in result.stderr
+
+
+@pytest.mark.parametrize("error", [RuntimeError("the dog ate it"), ConfigError("rate", -1, "above 0")])
+def test_a_traceback_is_shown_to_those_who_ask_for_it(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TEL_DEBUG", "1")
+    result = CliRunner().invoke(failing(error), ["fail"])
+    assert "Traceback" in result.stderr
+    assert "raise error" in result.stderr
+
+
+def test_the_shipped_configurations_are_listed_and_can_all_be_read() -> None:
+    result = CliRunner().invoke(main, ["configs", "--json"])
+    assert result.exit_code == 0
+    rows = {row["name"]: row for row in json.loads(result.stdout)}
+    assert {"paper", "planar_arm", "real_arm"} <= set(rows)
+    for row in rows.values():
+        assert row["about"]
+        if "package://" not in Path(row["file"]).read_text():
+            load_config(row["file"])
+
+
+def test_practice_without_the_simulator_says_what_to_install_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bring_up, "find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["practice", "planar_arm", "--out", str(tmp_path / "run")])
+    assert result.exit_code == 3
+    assert "pip install 'tel_ros[sim]'" in result.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def converted(value: str) -> Path:
+    return config_argument.ConfigFile().convert(value, None, None)
+
+
+def test_a_name_stands_for_a_shipped_configuration_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert converted("paper") == shipped_configs()["paper"]
+
+
+def test_a_file_of_ones_own_comes_before_a_shipped_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("paper").write_text("mine")
+    assert converted("paper") == Path("paper")
+
+
+def test_a_name_that_stands_for_nothing_is_told_with_those_that_do() -> None:
+    result = CliRunner().invoke(main, ["practice", "papper"])
+    assert result.exit_code == 2
+    assert "papper: there is no such file" in result.stderr
+    assert "paper, planar_arm" in result.stderr
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_gets_a_completion_script(shell: str) -> None:
+    assert "_TEL_COMPLETE" in complete(f"{shell}_source")
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("tel pra", "plain,practice"),
+        ("tel practice plan", "plain,planar_arm"),
+        ("tel sweep pap", "plain,paper"),
+    ],
+)
+def test_commands_and_shipped_names_are_completed(typed: str, offered: str) -> None:
+    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    assert offered in complete("bash_complete", **words).splitlines()
+
+
+def complete(instruction: str, **words: str) -> str:
+    environment = {**os.environ, "_TEL_COMPLETE": instruction, **words}
+    program = "from tel_ros.app.cli import main; main(prog_name='tel')"
+    run = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=250
+    )
+    return run.stdout
