@@ -17,8 +17,8 @@ from tel_ros.recording.run_folder import json_ready
 
 _TIMES_OF_DAY_NS = 1_000_000_000 * NS_PER_S
 """Stamps from here on (September 2001) are times of day; simulated time begins at zero."""
-_LONG = ("config",)
-"""Stored texts that are shown by their length."""
+_LONGEST = 120
+"""Longer texts that are stored with a bag, and those of several lines, are shown by their size."""
 
 
 def plain(bag: InspectedBag) -> dict[str, Any]:
@@ -52,8 +52,8 @@ def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
     ]
     for key, value in sorted(bag.metadata.items()):
         if not key.startswith("version."):
-            shown = f"{len(value.splitlines())} lines (--json shows them)" if key in _LONG else value
-            yield key, shown
+            instead = f"{len(value.splitlines())} lines, {len(value)} characters (--json shows them)"
+            yield key, instead if "\n" in value or len(value) > _LONGEST else value
     if versions:
         yield "versions", ", ".join(versions)
 

@@ -49,7 +49,7 @@ def test_info_tells_a_person_what_a_trial_came_to() -> None:
     for line in (
         "state             whole: its data are as they were recorded",
         "time              9.638 s from 0.000 s (no time of day: that of a simulation)",
-        "network_revision  2c65175351a932c5",
+        "network_revision  1c9023a4d7b9e82a",
     ):
         assert line in lines
     (states,) = (line.split() for line in lines if "/joint_states" in line)
