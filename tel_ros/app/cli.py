@@ -23,6 +23,7 @@ from tel_ros.app.errors import (
     end,
 )
 from tel_ros.app.sweep_command import sweep
+from tel_ros.app.view.command import beside_run, view, view_option
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
@@ -42,6 +43,7 @@ def main() -> None:
     tel check config/planar_arm.yaml    is the arm what its configuration says? before it moves far
     tel compare config/planar_arm.yaml  other methods beside it: one table, one figure
     tel sweep config/planar_arm.yaml …  many practice runs over grids of values, one table
+    tel view config/planar_arm.yaml     watch a graph that is running, in the browser
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, 130 interrupted.
@@ -66,8 +68,14 @@ def main() -> None:
 @click.option(
     "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
 )
+@view_option
 def practice(
-    config_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, with_report: bool
+    config_file: Path,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    with_report: bool,
+    with_view: bool,
 ) -> None:
     """Run a practice run: bring the node graph up, practise, take it down.
 
@@ -84,8 +92,9 @@ def practice(
     folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
     try:
         config = load_config(config_file, overrides)
-        with ProgressView(_PROGRESS) as view:
-            result = practise(config, folder, view.update)
+        beside = beside_run(with_view, _PROGRESS)
+        with ProgressView(_PROGRESS) as progress:
+            result = practise(config, folder, progress.update, beside)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
@@ -112,6 +121,7 @@ def practice(
 main.add_command(check)
 main.add_command(compare)
 main.add_command(sweep)
+main.add_command(view)
 
 
 @main.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,13 @@ DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
 
 OnFeedback = Callable[[Practice.Feedback], None]
+Beside = Callable[[Path, Path], AbstractContextManager]
+"""From the configuration's file and the folder of the logs to what goes on beside a run."""
+
+
+def nothing_beside(config_file: Path, log_folder: Path) -> AbstractContextManager:
+    """Leave the run alone."""
+    return nullcontext()
 
 
 def check_before_moving(config: Config) -> None:
@@ -69,13 +76,16 @@ def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
     return f"path.{key}", getattr(path, key)
 
 
-def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.Result:
+def practise(
+    config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside = nothing_beside
+) -> Practice.Result:
     """Bring the graph up, run practice, take the graph down.
 
     Args:
         config: the run.
         folder: of the run; must not exist.
         on_feedback: called with every message about the progress.
+        beside: entered before the nodes start, and left after the last of them has ended.
 
     Raises:
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
@@ -89,7 +99,9 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
-        with NodeProcesses(folder / CONFIG_FILE, node_names(config), folder / LOG_FOLDER) as processes:
+        config_file, log_folder = folder / CONFIG_FILE, folder / LOG_FOLDER
+        nodes = NodeProcesses(config_file, node_names(config), log_folder)
+        with beside(config_file, log_folder), nodes as processes:
             return _run(node, executor, processes, folder, on_feedback)
 
 

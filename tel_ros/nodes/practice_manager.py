@@ -47,6 +47,7 @@ from tel_ros.nodes.conversions import (
 )
 from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.pause import Pause
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
@@ -95,6 +96,9 @@ class PracticeManagerNode(Node):
         self._stop_latched = self._stop_seen = False
         for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
             self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
+        self._pause = Pause(self, group)
+        # For whoever watches; the controller gets it in its action, the recorder with its request.
+        self._goal_pub = self.create_publisher(TrialGoal, topics.TRIAL_GOAL, qos.LATCHED)
         self._server = ActionServer(
             self,
             Practice,
@@ -170,6 +174,10 @@ class PracticeManagerNode(Node):
             self._wait_for_arm()
             self._save_network(network_after(folder, 0))
             while not self._cancelled(goal_handle):
+                if self._pause.asked and not self._stop_seen:
+                    progress.stage("paused")
+                    self._pause.wait(lambda: self._cancelled(goal_handle) or self._stop_seen)
+                    continue
                 if self._stop_seen:
                     # Whatever the strategy makes of a trial that was aborted: a person has said stop.
                     ending = Ending("aborted", EMERGENCY_STOP)
@@ -222,6 +230,7 @@ class PracticeManagerNode(Node):
             ),
             ANSWER_TIMEOUT_S,
         )
+        self._goal_pub.publish(goal)
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
         self._call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)
