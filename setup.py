@@ -82,6 +82,9 @@ setup(
         ],
         "sim": ["pybullet"],
         "report": ["jinja2", "matplotlib"],
+        # tel view, tel practice --view. Exactly this version: its locks touch names that viser does not
+        # promise to keep (tel_ros/app/view/server.py).
+        "view": ["viser[urdf]==1.1.1", "msgspec", "websockets"],
         # For the learners rigid_body and rigid_body+lms_tree.
         "rigid-body": ["pin"],
         # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.
@@ -90,6 +93,8 @@ setup(
         "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name.
         "test": ["pytest", "pytest-timeout", "pytest-xdist"],
+        # The live view in a real browser, for which Chromium has to be there as well.
+        "browser-test": ["playwright"],
         "dev": ["mypy", "ruff", "types-psutil", "types-PyYAML"],
     },
     entry_points={

@@ -52,6 +52,6 @@ class Pause:
             self._go_on.set()
         self._paused_pub.publish(Bool(data=request.data))
         response.success = True
-        response.message = "paused: the next trial waits" if request.data else "goes on"
+        response.message = "the next trial waits" if request.data else "the run goes on"
         self._node.get_logger().info(response.message)
         return response

@@ -175,7 +175,7 @@ class PracticeManagerNode(Node):
             self._save_network(network_after(folder, 0))
             while not self._cancelled(goal_handle):
                 if self._pause.asked and not self._stop_seen:
-                    progress.stage("paused")
+                    progress.paused()
                     self._pause.wait(lambda: self._cancelled(goal_handle) or self._stop_seen)
                     continue
                 if self._stop_seen:

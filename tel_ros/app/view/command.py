@@ -72,8 +72,8 @@ def beside_run(with_view: bool, console: Console) -> Beside:
 def view(config_file: Path, overrides: tuple[str, ...], port: int) -> None:
     """Show a graph that is running, in the browser: a simulated or a real arm.
 
-    CONFIG is the configuration of the run, or run.yaml in its folder. The page is at the link that is printed, on
-    this computer alone. Ctrl-C ends the view; the graph goes on.
+    CONFIG is the configuration of the run, or run.yaml in its folder. The page is at the link that is
+    printed, on this computer alone. Ctrl-C ends the view; the graph goes on.
     """
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):

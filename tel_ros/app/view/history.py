@@ -36,12 +36,16 @@ class History:
         """Number of the trial and positions of the hand [m], shape (n, 3); the last ones, oldest first."""
 
     def end(self, ended: EndedTrial, live: LiveTrial | None) -> None:
-        """Take in a trial that has ended. A number that has been there begins a new run.
+        """Take in a trial that has ended.
+
+        A number that has been there begins a new run; a row that is the last one already was told twice.
 
         Args:
             ended: its row.
             live: what was seen of it, if it was.
         """
+        if self.trials and ended == self.trials[-1]:
+            return
         if self.trials and ended.index <= self.trials[-1].index:
             self.trials.clear()
             self.paths.clear()

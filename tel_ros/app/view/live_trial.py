@@ -19,7 +19,7 @@ HOLD_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Sample:
-    """What the controller saw and did in one tick. Arrays of shape (n_joints,), desired ones empty in IDLE."""
+    """What the controller saw and did in one tick. Shape (n_joints,) each; nothing is desired in IDLE."""
 
     trial: int
     phase: Phase
@@ -64,7 +64,7 @@ class LiveTrial:
         """Over the times of the grids. Shape (n_cells, n_joints)."""
         known = std_rad.shape == goal.equilibrium_rad.shape and bool(np.isfinite(std_rad).all())
         self.std_rad = on_grid(std_rad) if known else np.full_like(self.desired_speed_rad_s, np.nan)
-        """Of the error in û, which the error of the motion is compared with; NaN where nothing is known yet."""
+        """Of the error in û, which the error of the motion is compared with; NaN: nothing is known yet."""
         self.is_std_known = known
         self._hand_m: list[FloatArray] = []
 

@@ -27,7 +27,7 @@ _COLOURS = ("#1f6fb4", "#d9661f", "#2b8a3e", "#9c36b5", "#c92a2a", "#0b7285", "#
 _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
 _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
-_PLOT_ASPECT = 2.6
+_PLOT_ASPECT = 3.2
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
 _RED = "red"
@@ -142,7 +142,10 @@ class Page:
         # Reflections and shadows cost browsers without a graphics card most of their time.
         server.scene.configure_environment_map(hdri=None)
         server.scene.configure_default_lights(cast_shadow=False)
-        server.scene.add_light_ambient("/light", intensity=2.5)
+        server.scene.add_light_ambient("/light/everywhere", intensity=4.0)
+        server.scene.add_light_directional(
+            "/light/from_camera", intensity=3.0, position=tuple(view.position_m)
+        )
         server.scene.add_grid(
             "/grid", width=4.0 * view.size_m, height=4.0 * view.size_m, cell_size=view.size_m / 5.0,
             section_size=view.size_m, position=(0.0, 0.0, -0.1 * view.size_m),
@@ -192,8 +195,8 @@ class Page:
         self._reset = gui.add_button("Reset the emergency stop", color="gray", disabled=True)
         self._reset.on_click(lambda _: controls.reset())
         gui.add_html(
-            f'<div style="font-size:12px;color:#777;{_INSET}">The buttons need this computer, the network and '
-            "ep_controller to be well. They are no emergency stop by wire.</div>"
+            f'<div style="font-size:12px;color:#777;{_INSET}">The buttons need this computer, the network and'
+            " ep_controller to be well. They are no emergency stop by wire.</div>"
         )
 
     def _make_plots(self) -> dict[str, Any]:
@@ -218,7 +221,8 @@ class Page:
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
                 (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0),
-                legend=uplot.Legend(show=False), aspect=_PLOT_ASPECT,
+                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=22), uplot.Axis(size=46)),
+                aspect=_PLOT_ASPECT,
             )  # fmt: skip
         key = " ".join(
             f'<span style="color:{c};font-weight:700">{j}</span>'

@@ -11,7 +11,7 @@ from tel_ros.core.types import FloatArray
 
 _OBLIQUE = np.array([1.0, -1.4, 0.8])
 _TILT = 0.35
-_DISTANCE = 1.15
+_DISTANCE = 1.05
 _ASIDE = 0.2
 """How far the target is moved, as a share of the size: the panel hides the right part of the picture."""
 _LEAST_SIZE_M = 0.1
@@ -29,7 +29,7 @@ class Viewpoint:
 
 
 def viewpoint(positions_m: FloatArray) -> Viewpoint:
-    """Return a viewpoint: a little tilted before a path in a plane of the base frame, else obliquely from above.
+    """Return a viewpoint: before a path in a plane of the base frame, a little tilted; else oblique.
 
     Args:
         positions_m: of the hand along the path and of the base. Shape (n, 3).
