@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterator
 
 import pytest
 import rclpy
-from action_msgs.srv import CancelGoal
-from graph_harness import QUICK, TelProcess, summary_of, wait_until
+from graph_harness import PAPER, QUICK, TelProcess, summary_of, wait_until
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 from tel_interfaces.action import Practice
 
+from tel_ros.app.view.graph import GraphView
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
+from tel_ros.recording.config_file import load_config
 
 pytestmark = pytest.mark.timeout(400)
 
@@ -66,7 +67,7 @@ def person(domain: int) -> Iterator[Person]:
 def test_a_pause_holds_the_run_before_its_next_trial_until_it_is_taken_back(
     tel: Callable[..., TelProcess], person: Person
 ) -> None:
-    run = tel(*QUICK)
+    run, goals = tel(*QUICK), []
     assert person.call(SetBool, topics.PAUSE, SetBool.Request(data=True)).success
     person.wait_for(lambda: any(stage == "paused" for _, stage in person.stages), "the pause")
     paused_after = person.stages[-1][0]
@@ -76,10 +77,12 @@ def test_a_pause_holds_the_run_before_its_next_trial_until_it_is_taken_back(
     person.wait_for(lambda: person.stages[-1][1] != "paused", "the next trial")
     person.call(SetBool, topics.PAUSE, SetBool.Request(data=True))
     person.wait_for(lambda: person.stages[-1][1] == "paused", "the second pause")
-    # A run that waits can be ended.
-    assert person.call(
-        CancelGoal, f"{topics.PRACTICE}/_action/cancel_goal", CancelGoal.Request()
-    ).goals_canceling
+    # A run that waits can be ended, as the page's button does it.
+    view = GraphView(person.node, load_config(PAPER), goals.append, lambda feedback: None)
+    person.wait_for(lambda: bool(goals) and view.paused, "what the view listens to")
+    view.end_run()
+    person.wait_for(lambda: view.look() or bool(view.answer), "the answer")
+    assert view.answer == "stop: the run is ending"
     code, out, _ = run.finish()
     summary = summary_of(out)
     assert (code, summary["outcome"]) == (1, "cancelled")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import threading
@@ -43,9 +44,10 @@ class ViewProcess:
                 start_new_session=True,  # Ctrl-C reaches the supervisor only
                 preexec_fn=die_with_parent,
             )
-        # Shorter than a pipe's buffer, so this does not wait.
-        self._process.stdin.write(f"{self._token}\n")
-        self._process.stdin.close()
+        with contextlib.suppress(OSError):  # it may have died already: that is its own affair
+            # Shorter than a pipe's buffer, so this does not wait.
+            self._process.stdin.write(f"{self._token}\n")
+            self._process.stdin.close()
         threading.Thread(target=self._listen, daemon=True).start()
         return self
 

@@ -125,12 +125,12 @@ class Page:
 
     def show_status(self, status: Status) -> None:
         """Show what is known at a moment in words, and which buttons make sense."""
+        self._bar.value = 100.0 * status.progress
         text = status_html(status)
         if text == self._said:
             return
         self._said = text
         self._words.content = _inset(text)
-        self._bar.value = 100.0 * status.progress
         self._reset.disabled = not status.stopped
         self._pause.visible, self._go_on.visible = not status.paused, status.paused
 
