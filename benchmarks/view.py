@@ -28,7 +28,8 @@ import psutil
 from realtime import Figures, product
 
 ROOT = Path(__file__).parents[1]
-WAYS = ("without", "view", "view, looked at")
+WAYS = ("without", "view", "view, looked at", "without, again")
+"""The last shows what a ratio is worth on this machine."""
 _BROWSER = """
 import sys, time
 from playwright.sync_api import sync_playwright
@@ -81,7 +82,7 @@ def measure(way: str, options: argparse.Namespace, folder: Path) -> tuple[Figure
     """Return the figures of a trial, and the share of a core that the view used meanwhile."""
     with contextlib.ExitStack() as stack:
         view = None
-        if way != WAYS[0]:
+        if way in WAYS[1:3]:
             command = [sys.executable, "-m", "tel_ros.app.cli", "view", str(options.config)]
             view, line = stack.enter_context(process(command))
             link = line.split()[-1]
@@ -117,8 +118,8 @@ def main() -> None:
     found: dict[str, list[tuple[Figures, float, float]]] = {way: [] for way in WAYS}
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            measured = {way: measure(way, options, Path(folder) / f"{turn}_{way}") for way in WAYS}
             load_1min = os.getloadavg()[0]
+            measured = {way: measure(way, options, Path(folder) / f"{turn}_{way}") for way in WAYS}
             if any(figures is None for figures, _ in measured.values()):
                 print(f"turn {turn + 1}: a run failed; left out", file=sys.stderr)
                 continue

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tel_ros.core.types import FloatArray
@@ -38,3 +40,17 @@ class GridSeries:
             return
         there = self.values[cell]
         self.values[cell] = np.where(np.abs(there) >= np.abs(values), there, values)
+
+
+def magnitude(values: FloatArray) -> float:
+    """Return the largest magnitude of those values that are finite; 0 if none is."""
+    finite = values[np.isfinite(values)]
+    return float(np.abs(finite).max()) if len(finite) else 0.0
+
+
+def round_up(value: float) -> float:
+    """Return the next of 1.2, 2, 3, 5, 8 or 12 times a power of ten: an axis that seldom changes; 1 for 0."""
+    if value <= 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1.2, 2.0, 3.0, 5.0, 8.0, 12.0) if step * power >= value)

@@ -14,6 +14,7 @@ from viser import uplot
 from viser.extras import ViserUrdf
 
 from tel_ros.app.view.errors import ViewError
+from tel_ros.app.view.grid_series import magnitude, round_up
 from tel_ros.app.view.history import History
 from tel_ros.app.view.live_trial import LiveTrial
 from tel_ros.app.view.status import Status, status_html
@@ -28,6 +29,8 @@ _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
 _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
 _PLOT_ASPECT = 3.2
+_ROOM = 1.1
+"""Above the largest value of a plot."""
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
 _RED = "red"
@@ -77,6 +80,7 @@ class Page:
         self._earlier: list[Any] = []
         self._buttons_and_words()
         self._plots = self._make_plots()
+        self._ranges: dict[str, tuple[float, float]] = {}
         self._said = self._tabled = ""
 
     def show_arm(self, position_rad: FloatArray) -> None:
@@ -94,19 +98,17 @@ class Page:
         self._lines["desired"].points = _segments(trial.desired_m)[::2]  # dashed
         self._lines["equilibrium"].points = _segments(trial.equilibrium_m)
         self._lines["actual"].points = _nothing()
-        for plot in self._plots.values():
-            plot.scales = _scales(trial.error_rad.time_s[-1])
+        self._ranges.clear()
 
     def show_progress(self, trial: LiveTrial) -> None:
         """Show what a trial has done so far."""
         self._lines["actual"].points = _segments(trial.hand_m)
         time_s = trial.error_rad.time_s
         band = [column for std in trial.std_rad.T for column in (2.0 * std, -2.0 * std)]
-        self._plots["error"].data = (time_s, *trial.error_rad.values.T, *band)
-        speeds = (*trial.speed_rad_s.values.T, *trial.desired_speed_rad_s.T)
-        self._plots["speed"].data = (time_s, *speeds)
+        self._plot("error", time_s, *trial.error_rad.values.T, *band)
+        self._plot("speed", time_s, *trial.speed_rad_s.values.T, *trial.desired_speed_rad_s.T)
         full = np.full_like(time_s, 100.0)
-        self._plots["effort"].data = (time_s, *(100.0 * trial.effort_share.values.T), full, -full)
+        self._plot("effort", time_s, *(100.0 * trial.effort_share.values.T), full, -full)
 
     def show_history(self, history: History) -> None:
         """Show the trials that have ended: the table, and the paths, the paler the older."""
@@ -133,6 +135,14 @@ class Page:
         self._words.content = _inset(text)
         self._reset.disabled = not status.stopped
         self._pause.visible, self._go_on.visible = not status.paused, status.paused
+
+    def _plot(self, name: str, time_s: FloatArray, *series: FloatArray) -> None:
+        """Plot series over time, NaN where there is nothing yet. NaN spoils uPlot's ranges: these are ours."""
+        ends = (float(time_s[-1]), round_up(_ROOM * max(magnitude(values) for values in series)))
+        if self._ranges.get(name) != ends:
+            self._ranges[name] = ends
+            self._plots[name].scales = _scales(*ends)
+        self._plots[name].data = (time_s, *series)
 
     def _prepare_scene(self, view: Viewpoint) -> None:
         server = self._server
@@ -220,8 +230,8 @@ class Page:
         ):
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
-                (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0),
-                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=22), uplot.Axis(size=46)),
+                (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, 1.0),
+                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=34), uplot.Axis(size=46)),
                 aspect=_PLOT_ASPECT,
             )  # fmt: skip
         key = " ".join(
@@ -273,5 +283,8 @@ def _nothing() -> FloatArray:
     return np.zeros((1, 2, 3), dtype=np.float32)
 
 
-def _scales(end_s: float) -> dict[str, uplot.Scale]:
-    return {"x": uplot.Scale(time=False, auto=False, range=(0.0, float(end_s)))}
+def _scales(end_s: float, most: float) -> dict[str, uplot.Scale]:
+    return {
+        "x": uplot.Scale(time=False, auto=False, range=(0.0, end_s)),
+        "y": uplot.Scale(auto=False, range=(-most, most)),
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.app.view.grid_series import GridSeries
+from tel_ros.app.view.grid_series import GridSeries, magnitude, round_up
 from tel_ros.app.view.history import KEPT_PATHS, EndedTrial, History
 from tel_ros.app.view.live_trial import PATH_POINTS, LiveTrial, Sample
 from tel_ros.app.view.status import Status, status_html
@@ -61,6 +61,15 @@ def test_a_series_leaves_out_what_is_not_on_its_grid(time_s: float) -> None:
     series = GridSeries(1, end_s=1.0, n_cells=10)
     series.add(time_s, np.array([1.0]))
     assert np.isnan(series.values).all()
+
+
+def test_the_range_of_a_plot_holds_its_values_and_ignores_what_is_not_there() -> None:
+    assert magnitude(np.array([np.nan, -0.3, np.inf, 0.2])) == 0.3
+    assert magnitude(np.full(3, np.nan)) == 0.0
+    assert round_up(0.0) == 1.0
+    for value, end in ((0.013, 0.02), (0.3, 0.3), (7.0, 8.0), (9.99, 12.0), (100.0, 120.0)):
+        assert round_up(value) == pytest.approx(end)
+        assert round_up(value) >= value
 
 
 def test_error_speed_and_torque_are_plotted_over_the_time_of_the_movement() -> None:
