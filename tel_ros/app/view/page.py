@@ -30,7 +30,7 @@ _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
 _PLOT_ASPECT = 3.2
 _ROOM = 1.1
-"""Above the largest value of a plot."""
+"""Of a plot beyond its last label."""
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
 _RED = "red"
@@ -137,8 +137,8 @@ class Page:
         self._pause.visible, self._go_on.visible = not status.paused, status.paused
 
     def _plot(self, name: str, time_s: FloatArray, *series: FloatArray) -> None:
-        """Plot series over time, NaN where there is nothing yet. NaN spoils uPlot's ranges: these are ours."""
-        ends = (float(time_s[-1]), round_up(_ROOM * max(magnitude(values) for values in series)))
+        """Plot series over time, NaN where nothing is yet. NaN spoils uPlot's ranges: these are ours."""
+        ends = (float(time_s[-1]), _ROOM * round_up(max(magnitude(values) for values in series)))
         if self._ranges.get(name) != ends:
             self._ranges[name] = ends
             self._plots[name].scales = _scales(*ends)
@@ -231,7 +231,7 @@ class Page:
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
                 (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, 1.0),
-                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=34), uplot.Axis(size=46)),
+                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=34), uplot.Axis(size=56)),
                 aspect=_PLOT_ASPECT,
             )  # fmt: skip
         key = " ".join(
