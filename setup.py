@@ -94,6 +94,9 @@ setup(
         ],
         "sim": ["pybullet"],
         "report": ["jinja2", "matplotlib"],
+        # tel view, tel practice --view. Exactly this version: its locks touch names that viser does not
+        # promise to keep (tel_ros/app/view/server.py).
+        "view": ["viser[urdf]==1.1.1", "msgspec", "websockets"],
         # For the learners rigid_body and rigid_body+lms_tree.
         "rigid-body": ["pin"],
         # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.
@@ -112,6 +115,8 @@ setup(
         "dev": ["build", "mypy", "packaging", "ruff", "types-psutil", "types-PyYAML", "wheel"],
         # The documentation site (`make docs`).
         "docs": ["mkdocs>=1.6", "mkdocs-click", "mkdocs-material", "mkdocstrings[python]"],
+        # The live view in a real browser, for which Chromium has to be there as well.
+        "browser-test": ["playwright"],
     },
     entry_points={
         "console_scripts": [

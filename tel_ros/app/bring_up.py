@@ -116,7 +116,7 @@ class NodeProcesses:
                 try:
                     process.wait(_END_TIMEOUT_S)
                 except subprocess.TimeoutExpired:
-                    _kill_tree(process.pid)
+                    kill_tree(process.pid)
                     process.wait()
 
     def _start(self, name: str) -> subprocess.Popen[bytes]:
@@ -131,7 +131,7 @@ class NodeProcesses:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C reaches the supervisor only, which ends the nodes in order
-                preexec_fn=_die_with_parent,
+                preexec_fn=die_with_parent,
                 env={**os.environ, "PYTHONUNBUFFERED": "1"},
             )
 
@@ -142,11 +142,13 @@ class NodeProcesses:
         return f"; it said last: {lines[-1]} (log: {log})" if lines else f" (log: {log})"
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
+    """Have the kernel send SIGTERM to this process when its parent dies; for ``preexec_fn``."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def _kill_tree(pid: int) -> None:
+def kill_tree(pid: int) -> None:
+    """End a process and all that it has started, at once."""
     try:
         parent = psutil.Process(pid)
     except psutil.NoSuchProcess:

@@ -32,6 +32,7 @@ from tel_ros.app.replay_command import replay
 from tel_ros.app.resume_text import require_either, say_what_goes_on
 from tel_ros.app.sweep_command import sweep
 from tel_ros.app.train_command import train
+from tel_ros.app.view.command import beside_run, view, view_option
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
@@ -61,6 +62,7 @@ def main() -> None:
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of
                                         any arm, from recordings that other programs made
+    tel view my_arm.yaml                watch a graph that is running, in the browser (or: tel practice --view)
     tel predict NETWORK MOVEMENT        the torques that a movement takes, and how sure they are
 
     \b
@@ -102,6 +104,7 @@ def main() -> None:
 @click.option(
     "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
 )
+@view_option
 def practice(
     config_file: Path | None,
     overrides: tuple[str, ...],
@@ -109,6 +112,7 @@ def practice(
     out: Path | None,
     as_json: bool,
     with_report: bool,
+    with_view: bool,
 ) -> None:
     """Run a practice run: bring the node graph up, practise, take it down.
 
@@ -125,16 +129,17 @@ def practice(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
+        beside = beside_run(with_view, _PROGRESS)
         if resumed is not None:
             folder = resumed
-            with ProgressView(_PROGRESS) as view:
-                result = resume(folder, partial(say_what_goes_on, folder), view.update)
+            with ProgressView(_PROGRESS) as progress:
+                result = resume(folder, partial(say_what_goes_on, folder), progress.update, beside)
         else:
             assert config_file is not None  # require_either
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
             config = load_config(config_file, overrides)
-            with ProgressView(_PROGRESS) as view:
-                result = practise(config, folder, view.update)
+            with ProgressView(_PROGRESS) as progress:
+                result = practise(config, folder, progress.update, beside)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
@@ -166,6 +171,7 @@ main.add_command(replay)
 main.add_command(predict)
 main.add_command(sweep)
 main.add_command(train)
+main.add_command(view)
 
 
 @main.command()

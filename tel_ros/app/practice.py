@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,13 @@ RESUME_TIMEOUT_S = 120.0
 """Arm and controller of a resumed run take the processor for the trials of before while the others start."""
 
 OnFeedback = Callable[[Practice.Feedback], None]
+Beside = Callable[[Path, Path], AbstractContextManager]
+"""From the configuration's file and the folder of the logs to what goes on beside a run."""
+
+
+def nothing_beside(config_file: Path, log_folder: Path) -> AbstractContextManager:
+    """Leave the run alone."""
+    return nullcontext()
 
 
 def check_before_moving(config: Config) -> None:
@@ -73,13 +80,16 @@ def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
     return f"path.{key}", getattr(path, key)
 
 
-def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.Result:
+def practise(
+    config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside = nothing_beside
+) -> Practice.Result:
     """Bring the graph up, run practice, take the graph down.
 
     Args:
         config: the run.
         folder: of the run; must not exist.
         on_feedback: called with every message about the progress.
+        beside: entered before the nodes start, and left after the last of them has ended.
 
     Raises:
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
@@ -94,13 +104,17 @@ def practise(config: Config, folder: Path, on_feedback: OnFeedback) -> Practice.
     with _client_node() as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
-        names, logs = node_names(config), folder / LOG_FOLDER
-        with run_lock(folder), NodeProcesses(folder / CONFIG_FILE, names, logs) as processes:
+        config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
+        nodes = NodeProcesses(config_file, node_names(config), logs)
+        with run_lock(folder), beside(config_file, logs), nodes as processes:
             return _run(node, executor, processes, folder, on_feedback, START_TIMEOUT_S)
 
 
 def resume(
-    folder: Path, on_prepared: Callable[[Resumption], None], on_feedback: OnFeedback
+    folder: Path,
+    on_prepared: Callable[[Resumption], None],
+    on_feedback: OnFeedback,
+    beside: Beside = nothing_beside,
 ) -> Practice.Result:
     """Go on with a run that was interrupted, after its last whole trial.
 
@@ -108,6 +122,7 @@ def resume(
         folder: of the run.
         on_prepared: called with what the run goes on from, before any node is started.
         on_feedback: as for :func:`practise`.
+        beside: likewise.
 
     Raises:
         As for :func:`practise`; and InputFileError also if the run is finished.
@@ -119,8 +134,9 @@ def resume(
         # The nodes of the run may still be on their way to bring the arm to rest.
         _refuse_second_graph(node, executor, config)
         on_prepared(prepare_to_resume(folder, config))
-        names, logs = node_names(config), folder / LOG_FOLDER
-        with NodeProcesses(folder / CONFIG_FILE, names, logs, resume=True) as processes:
+        config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
+        nodes = NodeProcesses(config_file, node_names(config), logs, resume=True)
+        with beside(config_file, logs), nodes as processes:
             return _run(node, executor, processes, folder, on_feedback, RESUME_TIMEOUT_S)
 
 

@@ -102,7 +102,7 @@ def spin_hot(
         if ready and batch_s:
             time.sleep(batch_s)
         for subscription in ready:
-            _take(subscription)
+            take(subscription)
         if pace is not None:
             pace.keep()
         idle = not ready and pace is None
@@ -127,7 +127,7 @@ def _has_time(pace: Pace | None, since_s: float) -> bool:
     return pace is None or _left_s(pace) >= _TURN_TAKES_S or time.monotonic() - since_s > TURN_PERIOD_S
 
 
-def _take(subscription: Subscription) -> None:
+def take(subscription: Subscription) -> None:
     """Hand the messages that have arrived to the callback; not endlessly many, others want a turn as well."""
     for _ in range(min(subscription.qos_profile.depth, _MOST_AT_ONCE)):
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)

@@ -45,6 +45,7 @@ from tel_ros.nodes.conversions import (
 )
 from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.pause import Pause
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
@@ -104,6 +105,9 @@ class PracticeManagerNode(Node):
         self._stop_latched = self._stop_seen = False
         for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
             self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
+        self._pause = Pause(self, group)
+        # For whoever watches; the controller gets it in its action, the recorder with its request.
+        self._goal_pub = self.create_publisher(TrialGoal, topics.TRIAL_GOAL, qos.LATCHED)
         self._server = ActionServer(
             self,
             Practice,
@@ -195,6 +199,10 @@ class PracticeManagerNode(Node):
             else:
                 self._load_network(state.network)
             while not self._cancelled(goal_handle):
+                if self._pause.asked and not self._stop_seen:
+                    progress.paused()
+                    self._pause.wait(lambda: self._cancelled(goal_handle) or self._stop_seen)
+                    continue
                 if self._stop_seen:
                     # Whatever the strategy makes of a trial that was aborted: a person has said stop.
                     ending = Ending("aborted", EMERGENCY_STOP)
@@ -245,6 +253,7 @@ class PracticeManagerNode(Node):
             ),
             ANSWER_TIMEOUT_S,
         )
+        self._goal_pub.publish(goal)
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
         self._call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)

@@ -46,6 +46,11 @@ class Progress:
         self._feedback.stage = stage
         self._publish(0.0)
 
+    def paused(self) -> None:
+        """Tell that the run waits between two trials; the last one has been told of."""
+        self._feedback.last, self._feedback.training_rms_rad = [], []
+        self.stage("paused")
+
     def moving(self, trial: ExecuteTrial.Feedback) -> None:
         """Pass on how far the movement is."""
         self._feedback.max_error_rad = trial.max_error_rad

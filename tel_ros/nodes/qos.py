@@ -22,3 +22,5 @@ LATCHED = QoSProfile(
 """For a state of affairs: who comes late gets the newest value."""
 EVERYTHING = _reliable(20_000)
 """For recording: a backlog of several seconds is worked off instead of dropped."""
+EVENTS = _reliable(10)
+"""For what happens now and then."""

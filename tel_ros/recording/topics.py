@@ -28,7 +28,13 @@ DIAGNOSTICS = "/diagnostics"
 """diagnostic_msgs/DiagnosticArray, as everywhere in ROS."""
 
 TRIAL_GOAL = "/practice/trial_goal"
+"""tel_interfaces/TrialGoal, latched: what the trial under way was asked to do; in a bag, what it was."""
 TRIAL_RESULT = "/practice/trial_result"
+
+PAUSE = "/practice/pause"
+"""std_srvs/SetBool: whether the run waits before its next trial; the one under way goes on to its end."""
+PAUSED = "/practice/paused"
+"""std_msgs/Bool, latched: what has been asked for last."""
 
 EXECUTE_TRIAL = "/execute_trial"
 PRACTICE = "/practice"

@@ -25,9 +25,15 @@ def tel(tmp_path: Path) -> Iterator[Callable[..., TelProcess]]:
     """Return a function that starts ``tel practice`` with overrides; whatever it started is ended."""
     started: list[TelProcess] = []
 
-    def start(*overrides: str, config: Path = PAPER, name: str = "run", **environment: str) -> TelProcess:
+    def start(
+        *overrides: str,
+        config: Path = PAPER,
+        name: str = "run",
+        more: tuple[str, ...] = (),
+        **environment: str,
+    ) -> TelProcess:
         folder = tmp_path / name
-        arguments = ["practice", str(config), "--out", str(folder), "--no-report", "--json"]
+        arguments = ["practice", str(config), "--out", str(folder), "--no-report", "--json", *more]
         for override in overrides:
             arguments += ["--set", override]
         started.append(TelProcess(arguments, folder, environment))

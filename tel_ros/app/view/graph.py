@@ -1,0 +1,170 @@
+"""The live view's ears and mouth in the graph: it samples what is published, and asks for stops."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from action_msgs.srv import CancelGoal
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, Trigger
+from tel_interfaces.action import Practice
+from tel_interfaces.msg import ControlState, TrialGoal
+
+from tel_ros.app.view.live_trial import Sample
+from tel_ros.core.config import Config
+from tel_ros.core.control.records import ArmState, Phase
+from tel_ros.core.errors import StateError
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import JointStateReader
+from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
+from tel_ros.recording import topics
+
+ANSWER_TIMEOUT_S = 2.0
+_USE_THE_OTHER = "use the emergency stop by wire"
+
+
+class GraphView:
+    """Hears best effort, and of the fast topics only the newest message each time that it looks.
+
+    It has no publisher at all. Services are asked from any thread, at once.
+
+    Args:
+        node: to hear with; its owner spins it.
+        config: of the run.
+        on_goal: called with the goal of each trial that begins.
+        on_feedback: called with each message about the progress of the run.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: Config,
+        on_goal: Callable[[TrialGoal], None],
+        on_feedback: Callable[[Practice.Feedback], None],
+    ) -> None:
+        self._node = node
+        self._n_joints = len(config.arm.joints)
+        self._reader = JointStateReader(config.arm.joints, config.control)
+        self.arm: ArmState | None = None
+        """The newest state of the arm."""
+        self.sample: Sample | None = None
+        """The newest state of the controller."""
+        self.stopped = self.paused = False
+        self.answer, self.alarm = "", False
+        """The last answer to something that was asked, and whether it is bad news."""
+        self._arm_at = -np.inf
+        self._asked: list[tuple[str, bool, float, Any]] = []
+        self._fast: list[Subscription] = [
+            node.create_subscription(kind, topic, heard, qos.NEWEST, callback_group=BusyGroup())
+            for kind, topic, heard in (
+                (JointState, topics.JOINT_STATES, self._on_joint_state),
+                (ControlState, topics.CONTROL_STATES, self._on_control_state),
+            )
+        ]
+        node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
+        node.create_subscription(Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED)
+        node.create_subscription(Bool, topics.PAUSED, self._on_paused, qos.LATCHED)
+        # What an action tells its client is a topic that anybody may hear.
+        node.create_subscription(
+            Practice.Impl.FeedbackMessage,
+            f"{topics.PRACTICE}/_action/feedback",
+            lambda message: on_feedback(message.feedback),
+            qos.EVENTS,
+        )
+        self._stop = node.create_client(Trigger, topics.SAFETY_STOP)
+        self._reset = node.create_client(Trigger, topics.SAFETY_RESET)
+        self._pause = node.create_client(SetBool, topics.PAUSE)
+        self._cancel = node.create_client(CancelGoal, f"{topics.PRACTICE}/_action/cancel_goal")
+
+    @property
+    def arm_age_s(self) -> float:
+        """How long ago the last joint state was heard; inf: none was."""
+        return time.monotonic() - self._arm_at
+
+    def look(self) -> None:
+        """Take the newest messages of the fast topics, and see whether what was asked has been answered."""
+        if serves_itself():  # else the executor does it
+            for subscription in self._fast:
+                take(subscription)
+        self._look_for_answers()
+
+    def emergency_stop(self) -> None:
+        """Ask for the emergency stop in software."""
+        self._ask(self._stop, Trigger.Request(), "emergency stop", urgent=True)
+
+    def reset(self) -> None:
+        """Ask for its reset."""
+        self._ask(self._reset, Trigger.Request(), "reset")
+
+    def end_run(self) -> None:
+        """Ask for the end of the practice run: the arm is brought to rest first."""
+        # No id and no time: whatever run there is.
+        self._ask(self._cancel, CancelGoal.Request(), "stop", urgent=True)
+
+    def pause(self, paused: bool) -> None:
+        """Ask for a pause after the trial under way, or for its end."""
+        self._ask(self._pause, SetBool.Request(data=paused), "pause" if paused else "go on")
+
+    def _ask(self, client: Client, request: Any, what: str, urgent: bool = False) -> None:
+        if not client.service_is_ready():
+            self._say(f"{what}: nobody offers {client.srv_name}", urgent, bad=True)
+            return
+        future = client.call_async(request)
+        self._asked.append((what, urgent, time.monotonic(), future))
+
+    def _look_for_answers(self) -> None:
+        for asked in list(self._asked):
+            what, urgent, at, future = asked
+            if future.done():
+                self._asked.remove(asked)
+                good, text = _said(future.result())
+                self._say(f"{what}: {text}", urgent, bad=not good)
+            elif time.monotonic() - at > ANSWER_TIMEOUT_S:
+                self._asked.remove(asked)
+                self._say(f"{what}: NO ANSWER for {ANSWER_TIMEOUT_S:.0f} s", urgent, bad=True)
+
+    def _say(self, text: str, urgent: bool, bad: bool) -> None:
+        self.answer, self.alarm = f"{text}; {_USE_THE_OTHER}" if urgent and bad else text, bad
+
+    def _on_joint_state(self, message: JointState) -> None:
+        try:
+            self.arm = self._reader.read(message)
+        except StateError as error:
+            self.answer, self.alarm = str(error), True
+            return
+        self._arm_at = time.monotonic()
+
+    def _on_control_state(self, message: ControlState) -> None:
+        idle = message.phase == ControlState.IDLE
+        if len(message.position_rad) != self._n_joints:
+            return  # another arm's
+        self.sample = Sample(
+            trial=message.trial,
+            phase=Phase(message.phase),
+            time_from_start_s=message.time_from_start_s,
+            position_rad=np.array(message.position_rad),
+            velocity_rad_s=np.array(message.velocity_rad_s),
+            desired_rad=np.array([] if idle else message.desired_position_rad),
+            effort_nm=np.array(message.effort_nm),
+        )
+
+    def _on_stopped(self, message: Bool) -> None:
+        self.stopped = message.data
+
+    def _on_paused(self, message: Bool) -> None:
+        self.paused = message.data
+
+
+def _said(response: Any) -> tuple[bool, str]:
+    """Return whether an answer is good, and what it says."""
+    if isinstance(response, CancelGoal.Response):
+        cancelled = len(response.goals_canceling)
+        return cancelled > 0, "the run is ending" if cancelled else "no run is under way"
+    return response.success, response.message or "done"

@@ -1,0 +1,217 @@
+"""The process of the live view: nothing in the graph waits for it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from tel_interfaces.action import Practice
+from tel_interfaces.msg import TrialGoal
+
+from tel_ros.app.view.graph import GraphView
+from tel_ros.app.view.history import EndedTrial, History
+from tel_ros.app.view.live_trial import LiveTrial
+from tel_ros.app.view.page import Page
+from tel_ros.app.view.server import open_server
+from tel_ros.app.view.status import Status
+from tel_ros.app.view.viewpoint import viewpoint
+from tel_ros.core.config import Config
+from tel_ros.core.control.records import Outcome, Phase
+from tel_ros.core.errors import TelError
+from tel_ros.nodes.conversions import to_goal
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.urdf import chain_to_hand, read_urdf
+from tel_ros.recording.waypoint_file import load_path
+
+ARM_RATE_HZ = 20.0
+"""How often the arm is looked at and drawn."""
+_NICENESS = 10
+_WORDS_EVERY = 4
+"""Words and plots change with every fourth picture."""
+
+
+class LiveView:
+    """Keeps the page up to date with what is heard.
+
+    Args:
+        config: of the run that is watched.
+        node: to hear with; its owner spins it.
+        token: the secret in the link.
+        port: of the page; 0: any that is free.
+
+    Raises:
+        TelError: the arm or its path cannot be drawn, or the server not be opened safely.
+    """
+
+    def __init__(self, config: Config, node: Node, token: str, port: int) -> None:
+        self._config, self._node = config, node
+        self._chain = chain_to_hand(read_urdf(Path(config.arm.urdf)), config.arm.joints, config.arm.hand_link)
+        path_rad, _, _ = load_path(config.path, config.arm).evaluate(np.linspace(0.0, 1.0, 50))
+        path_m = self._chain.hand_positions(path_rad)
+        self._graph = GraphView(node, config, self._begin_trial, self._on_feedback)
+        self._trial: LiveTrial | None = None
+        self._history = History()
+        self._feedback = Practice.Feedback(max_error_rad=float("nan"))
+        self._server, self.link = open_server(token, port, f"tel view: {config.arm.name}")
+        try:
+            self._page = Page(
+                self._server, config.arm, viewpoint(np.vstack([path_m, np.zeros((1, 3))])), self._graph
+            )
+            self._page.show_history(self._history)
+        except BaseException:
+            self.close()
+            raise
+        self._looks = 0
+
+    def close(self) -> None:
+        """Close the page."""
+        self._server.stop()
+
+    def look(self) -> None:
+        """Look at the graph, and show what has changed."""
+        graph, page = self._graph, self._page
+        graph.look()
+        if graph.sample is not None and self._trial is not None:
+            self._trial.see(graph.sample)
+        self._looks += 1
+        with self._server.atomic():
+            if graph.arm is not None:
+                page.show_arm(graph.arm.position_rad)
+            if graph.sample is not None:
+                page.show_ghost(graph.sample.desired_rad)
+            if self._looks % _WORDS_EVERY == 0:
+                page.show_status(self._status())
+                page.show_history(self._history)
+                if self._trial is not None:
+                    page.show_progress(self._trial)
+
+    def _status(self) -> Status:
+        graph, said = self._graph, self._feedback
+        return Status(
+            arm_age_s=graph.arm_age_s,
+            phase=graph.sample.phase if graph.sample is not None else Phase.IDLE,
+            trial=said.trial,
+            trials=said.trials,
+            stage=said.stage,
+            alpha=said.alpha,
+            duration_s=said.duration_s,
+            max_error_rad=said.max_error_rad,
+            progress=said.progress,
+            stopped=graph.stopped,
+            paused=graph.paused,
+            answer=graph.answer,
+            alarm=graph.alarm,
+        )
+
+    def _begin_trial(self, message: TrialGoal) -> None:
+        arm = self._config.arm
+        try:
+            goal = to_goal(message, arm.joints)
+        except TelError as error:
+            self._node.get_logger().warning(f"a goal that is not for this arm is not shown: {error}")
+            return
+        std_rad = np.array(message.std_rad)
+        if len(std_rad) == goal.equilibrium_rad.size:
+            columns = [list(message.joint_names).index(joint) for joint in arm.joints]
+            std_rad = std_rad.reshape(goal.equilibrium_rad.shape)[:, columns]
+        self._trial = LiveTrial(goal, std_rad, self._chain, arm.effort_limit_nm)
+        self._page.show_plan(self._trial)
+
+    def _on_feedback(self, feedback: Practice.Feedback) -> None:
+        self._feedback = feedback
+        for result in feedback.last:
+            ended = EndedTrial(
+                index=result.index,
+                alpha=result.alpha,
+                duration_s=result.duration_s,
+                rms_error_rad=result.rms_error_rad,
+                max_error_rad=result.max_error_rad,
+                outcome=Outcome(result.outcome).name.lower(),
+                reason=result.message or feedback.reason,
+            )
+            self._history.end(ended, self._trial)
+
+
+@contextlib.contextmanager
+def _node() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("tel_view")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def be_modest() -> None:
+    """Leave the processor to whoever has an arm to move."""
+    os.nice(_NICENESS)
+
+
+def watch(
+    config: Config, token: str, port: int, on_open: Callable[[str], None], ended: Callable[[], bool]
+) -> None:
+    """Show a graph until it is enough.
+
+    Args:
+        config: of the run that is watched.
+        token: the secret in the link.
+        port: of the page; 0: any that is free.
+        on_open: called with the link when the page is there.
+        ended: looked at about fifty times a second.
+
+    Raises:
+        TelError: as :class:`LiveView`.
+    """
+    with contextlib.redirect_stdout(sys.stderr), _node() as (node, executor):  # viser talks
+        view = LiveView(config, node, token, port)
+        try:
+            on_open(view.link)
+            next_look = time.monotonic()
+            while not ended():
+                now = time.monotonic()
+                if now >= next_look:
+                    view.look()
+                    # From now on, not from when it was due: a view that is late does not hurry.
+                    next_look = now + 1.0 / ARM_RATE_HZ
+                executor.spin_once(timeout_sec=max(0.0, min(0.02, next_look - time.monotonic())))
+        finally:
+            view.close()
+
+
+def main() -> None:
+    """Run as a process beside ``tel practice``: arguments are the configuration and the port.
+
+    The token comes on standard input, where no list of processes shows it; the link goes to standard output.
+    """
+    stopping: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: stopping.append(number))
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    token = sys.stdin.readline().strip()
+    be_modest()
+
+    def tell(link: str) -> None:
+        print(link, file=out, flush=True)
+
+    try:
+        watch(load_config(Path(sys.argv[1])), token, int(sys.argv[2]), tell, lambda: bool(stopping))
+    except TelError as error:
+        print(f"no live view: {error}", file=out, flush=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

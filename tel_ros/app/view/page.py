@@ -1,0 +1,290 @@
+"""The page: the arm in 3D, plots, a table and buttons."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+import yourdfpy
+from viser import uplot
+from viser.extras import ViserUrdf
+
+from tel_ros.app.view.errors import ViewError
+from tel_ros.app.view.grid_series import magnitude, round_up
+from tel_ros.app.view.history import History
+from tel_ros.app.view.live_trial import LiveTrial
+from tel_ros.app.view.status import Status, status_html
+from tel_ros.app.view.viewpoint import Viewpoint
+from tel_ros.core.config import ArmConfig
+from tel_ros.core.errors import InputFileError
+from tel_ros.core.types import FloatArray
+from tel_ros.recording.urdf import urdf_file
+
+_COLOURS = ("#1f6fb4", "#d9661f", "#2b8a3e", "#9c36b5", "#c92a2a", "#0b7285", "#846358")
+_GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
+_OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
+_GHOST = (0.35, 0.75, 0.45, 0.35)
+_PLOT_ASPECT = 3.2
+_ROOM = 1.1
+"""Of a plot beyond its last label."""
+_INSET = "padding:0 10px"
+"""viser leaves no room beside HTML."""
+_RED = "red"
+
+
+class Controls(Protocol):
+    """What the buttons do. Each returns at once, and may be called from any thread."""
+
+    def emergency_stop(self) -> None:
+        """Stop the arm now, and latch it."""
+
+    def reset(self) -> None:
+        """Take the latch back."""
+
+    def end_run(self) -> None:
+        """Bring the arm to rest and end the run."""
+
+    def pause(self, paused: bool) -> None:
+        """Hold the run after the trial under way, or let it go on."""
+
+
+class Page:
+    """What all browsers see that have it open; none of them is needed.
+
+    Args:
+        server: that shows it.
+        arm: which joints and which URDF.
+        view: where to look from at first.
+        controls: what the buttons do.
+
+    Raises:
+        ViewError: the URDF cannot be drawn.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, arm: ArmConfig, view: Viewpoint, controls: Controls
+    ) -> None:
+        self._server, self._controls = server, controls
+        self._joints = [re.sub(r"[^\w .-]", "?", joint) for joint in arm.joints]  # names from a file
+        self._prepare_scene(view)
+        self._arm, self._ghost = self._robots(arm)
+        self._lines = {
+            "equilibrium": self._line("equilibrium", _GREY, 2.0),
+            "desired": self._line("desired", _DESIRED, 1.5),
+            "actual": self._line("actual", _ACTUAL, 4.0),
+        }
+        self._earlier: list[Any] = []
+        self._buttons_and_words()
+        self._plots = self._make_plots()
+        self._ranges: dict[str, tuple[float, float]] = {}
+        self._said = self._tabled = ""
+
+    def show_arm(self, position_rad: FloatArray) -> None:
+        """Show the arm at joint positions of shape (n_joints,)."""
+        self._arm.at(position_rad)
+
+    def show_ghost(self, position_rad: FloatArray) -> None:
+        """Show where it should be; an empty array: nowhere."""
+        self._ghost_frame.visible = bool(len(position_rad))
+        if len(position_rad):
+            self._ghost.at(position_rad)
+
+    def show_plan(self, trial: LiveTrial) -> None:
+        """Show what a trial is to do, once, when it begins."""
+        self._lines["desired"].points = _segments(trial.desired_m)[::2]  # dashed
+        self._lines["equilibrium"].points = _segments(trial.equilibrium_m)
+        self._lines["actual"].points = _nothing()
+        self._ranges.clear()
+
+    def show_progress(self, trial: LiveTrial) -> None:
+        """Show what a trial has done so far."""
+        self._lines["actual"].points = _segments(trial.hand_m)
+        time_s = trial.error_rad.time_s
+        band = [column for std in trial.std_rad.T for column in (2.0 * std, -2.0 * std)]
+        self._plot("error", time_s, *trial.error_rad.values.T, *band)
+        self._plot("speed", time_s, *trial.speed_rad_s.values.T, *trial.desired_speed_rad_s.T)
+        full = np.full_like(time_s, 100.0)
+        self._plot("effort", time_s, *(100.0 * trial.effort_share.values.T), full, -full)
+
+    def show_history(self, history: History) -> None:
+        """Show the trials that have ended: the table, and the paths, the paler the older."""
+        table = history.table()
+        if table == self._tabled:
+            return
+        self._tabled = table
+        self._table.content = _inset(table)
+        for line in self._earlier:
+            line.remove()
+        self._earlier = []
+        for place, (index, hand_m) in enumerate(history.paths):
+            share = (place + 1) / len(history.paths)
+            colour = tuple(int(c) for c in _OLDEST + share * (_YOUNGEST - _OLDEST))
+            self._earlier.append(self._line(f"trial_{index}", colour, 2.0, _segments(hand_m)))
+
+    def show_status(self, status: Status) -> None:
+        """Show what is known at a moment in words, and which buttons make sense."""
+        self._bar.value = 100.0 * status.progress
+        text = status_html(status)
+        if text == self._said:
+            return
+        self._said = text
+        self._words.content = _inset(text)
+        self._reset.disabled = not status.stopped
+        self._pause.visible, self._go_on.visible = not status.paused, status.paused
+
+    def _plot(self, name: str, time_s: FloatArray, *series: FloatArray) -> None:
+        """Plot series over time, NaN where nothing is yet. NaN spoils uPlot's ranges: these are ours."""
+        ends = (float(time_s[-1]), _ROOM * round_up(max(magnitude(values) for values in series)))
+        if self._ranges.get(name) != ends:
+            self._ranges[name] = ends
+            self._plots[name].scales = _scales(*ends)
+        self._plots[name].data = (time_s, *series)
+
+    def _prepare_scene(self, view: Viewpoint) -> None:
+        server = self._server
+        server.gui.configure_theme(
+            show_logo=False, show_share_button=False, control_width="large", brand_color=_ACTUAL
+        )
+        # Reflections and shadows cost browsers without a graphics card most of their time.
+        server.scene.configure_environment_map(hdri=None)
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.add_light_ambient("/light/everywhere", intensity=4.0)
+        server.scene.add_light_directional(
+            "/light/from_camera", intensity=3.0, position=tuple(view.position_m)
+        )
+        server.scene.add_grid(
+            "/grid", width=4.0 * view.size_m, height=4.0 * view.size_m, cell_size=view.size_m / 5.0,
+            section_size=view.size_m, position=(0.0, 0.0, -0.1 * view.size_m),
+        )  # fmt: skip
+        server.scene.set_up_direction(tuple(view.up))
+        camera = server.initial_camera
+        camera.position, camera.look_at = tuple(view.position_m), tuple(view.target_m)
+        camera.up = tuple(view.up)
+
+    def _robots(self, arm: ArmConfig) -> tuple[_Robot, _Robot]:
+        try:
+            urdf = _load(Path(arm.urdf))
+            self._server.scene.add_frame("/arm", show_axes=False)
+            self._ghost_frame = self._server.scene.add_frame("/ghost", show_axes=False, visible=False)
+            return (
+                _Robot(ViserUrdf(self._server, urdf, root_node_name="/arm"), arm.joints),
+                _Robot(
+                    ViserUrdf(self._server, urdf, root_node_name="/ghost", mesh_color_override=_GHOST),
+                    arm.joints,
+                ),
+            )
+        except InputFileError:
+            raise
+        except Exception as error:  # the loader raises whatever its readers of meshes raise
+            raise ViewError(f"{arm.urdf} cannot be drawn: {error!r}") from error
+
+    def _line(
+        self, name: str, colour: tuple[int, ...], width: float, points: FloatArray | None = None
+    ) -> Any:
+        return self._server.scene.add_line_segments(
+            f"/paths/{name}", _nothing() if points is None else points, colour,
+            thickness=width, thickness_units="screen",
+        )  # fmt: skip
+
+    def _buttons_and_words(self) -> None:
+        gui, controls = self._server.gui, self._controls
+        stop = gui.add_button("EMERGENCY STOP", color=_RED, icon=viser.Icon.ALERT_OCTAGON)
+        stop.on_click(lambda _: controls.emergency_stop())
+        self._words = gui.add_html("")
+        self._bar = gui.add_progress_bar(0.0)
+        self._pause = gui.add_button("Pause after this trial", icon=viser.Icon.PLAYER_PAUSE)
+        self._pause.on_click(lambda _: controls.pause(True))
+        self._go_on = gui.add_button("Go on", visible=False, icon=viser.Icon.PLAYER_PLAY)
+        self._go_on.on_click(lambda _: controls.pause(False))
+        end = gui.add_button("Stop the run", color="gray", icon=viser.Icon.PLAYER_STOP)
+        end.on_click(lambda _: controls.end_run())
+        self._reset = gui.add_button("Reset the emergency stop", color="gray", disabled=True)
+        self._reset.on_click(lambda _: controls.reset())
+        gui.add_html(
+            f'<div style="font-size:12px;color:#777;{_INSET}">The buttons need this computer, the network and'
+            " ep_controller to be well. They are no emergency stop by wire.</div>"
+        )
+
+    def _make_plots(self) -> dict[str, Any]:
+        n, gui = len(self._joints), self._server.gui
+        colours = [_COLOURS[k % len(_COLOURS)] for k in range(n)]
+        solid = [
+            uplot.Series(label=joint, stroke=colour, width=1.5)
+            for joint, colour in zip(self._joints, colours, strict=True)
+        ]
+        faint = [uplot.Series(show=True, stroke="transparent", width=0) for _ in range(2 * n)]
+        dashed = [uplot.Series(stroke=colour, width=1, dash=(6, 4)) for colour in colours]
+        limit = [uplot.Series(stroke="#c92a2a", width=1, dash=(6, 4))] * 2
+        bands = tuple(
+            uplot.Band(series=(1 + n + 2 * k, 2 + n + 2 * k), fill=f"{colours[k]}22") for k in range(n)
+        )
+        made = {}
+        for name, title, series, extra in (
+            ("error", "error [rad], band: ±2 σ expected of the command", [*solid, *faint], bands),
+            ("speed", "speed [rad/s], dashed: desired", [*solid, *dashed], None),
+            ("effort", "torque [% of its limit]", [*solid, *limit], None),
+        ):
+            made[name] = gui.add_uplot(
+                tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
+                (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, 1.0),
+                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=34), uplot.Axis(size=56)),
+                aspect=_PLOT_ASPECT,
+            )  # fmt: skip
+        key = " ".join(
+            f'<span style="color:{c};font-weight:700">{j}</span>'
+            for j, c in zip(self._joints, colours, strict=True)
+        )
+        gui.add_html(
+            f'<div style="font-size:12px;{_INSET}">{key}<br>hand: <b style="color:#1f6fb4">this trial</b>, '
+            '<b style="color:#d9661f">earlier ones</b>, dashed: desired, <b style="color:#888">grey: EP</b>'
+            "</div>"
+        )
+        self._table = gui.add_html("")
+        return made
+
+
+class _Robot:
+    """A drawn arm that takes joint positions in the order of the configuration."""
+
+    def __init__(self, drawn: ViserUrdf, joints: Sequence[str]) -> None:
+        names = list(drawn.get_actuated_joint_names())
+        self._drawn = drawn
+        self._places = [names.index(joint) for joint in joints]
+        self._posture = np.zeros(len(names))
+
+    def at(self, position_rad: FloatArray) -> None:
+        self._posture[self._places] = position_rad
+        self._drawn.update_cfg(self._posture)
+
+
+def _load(file: Path) -> yourdfpy.URDF:
+    def find(name: str) -> str:
+        return str(urdf_file(name.removeprefix("file://"), file.parent))
+
+    return yourdfpy.URDF.load(str(file), filename_handler=find, build_collision_scene_graph=False)
+
+
+def _inset(html: str) -> str:
+    return f'<div style="{_INSET}">{html}</div>'
+
+
+def _segments(points_m: FloatArray) -> FloatArray:
+    """Return the segments between points of shape (n, 3): shape (n - 1, 2, 3), or what draws nothing."""
+    if len(points_m) < 2:
+        return _nothing()
+    return np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
+
+
+def _nothing() -> FloatArray:
+    return np.zeros((1, 2, 3), dtype=np.float32)
+
+
+def _scales(end_s: float, most: float) -> dict[str, uplot.Scale]:
+    return {
+        "x": uplot.Scale(time=False, auto=False, range=(0.0, end_s)),
+        "y": uplot.Scale(auto=False, range=(-most, most)),
+    }

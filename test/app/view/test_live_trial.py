@@ -1,0 +1,202 @@
+"""What is drawn and plotted of a trial, without a page and without ROS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tel_ros.app.view.grid_series import GridSeries, magnitude, round_up
+from tel_ros.app.view.history import KEPT_PATHS, EndedTrial, History
+from tel_ros.app.view.live_trial import PATH_POINTS, LiveTrial, Sample
+from tel_ros.app.view.status import Status, status_html
+from tel_ros.app.view.viewpoint import viewpoint
+from tel_ros.core.control.records import Phase, TrialGoal
+from tel_ros.core.kinematics import ChainJoint, SerialChain
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+
+SCRIPT = "<img src=x onerror=alert(1)>"
+
+
+def chain() -> SerialChain:
+    """One joint about z, with a hand 0.5 m out."""
+    zero, z = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    return SerialChain((ChainJoint(zero, zero, z, 0), ChainJoint(np.array([0.5, 0.0, 0.0]), zero, z, None)))
+
+
+def goal(index: int = 1, n: int = 1001, std_rad: float | None = None) -> tuple[TrialGoal, np.ndarray]:
+    time_ns = np.linspace(0, 4_000_000_000, n).astype(np.int64)
+    position = np.linspace(0.0, np.pi / 2, n)[:, None]
+    speed = np.full((n, 1), 0.4)
+    desired = DesiredTrajectory(time_ns, position, speed, np.zeros((n, 1)))
+    std = np.zeros(0) if std_rad is None else np.full((n, 1), std_rad)
+    return TrialGoal(index, 0.5, desired, position + 0.1), std
+
+
+def trial(index: int = 1, std_rad: float | None = None) -> LiveTrial:
+    return LiveTrial(*goal(index, std_rad=std_rad), chain(), (20.0,))
+
+
+def sample(time_s: float, position: float = 0.0, *, index: int = 1, phase: Phase = Phase.RUN) -> Sample:
+    return Sample(
+        trial=index,
+        phase=phase,
+        time_from_start_s=time_s,
+        position_rad=np.array([position]),
+        velocity_rad_s=np.array([0.3]),
+        desired_rad=np.array([0.1]),
+        effort_nm=np.array([-5.0]),
+    )
+
+
+def test_a_series_keeps_the_largest_magnitude_of_what_falls_into_one_cell() -> None:
+    series = GridSeries(2, end_s=1.0, n_cells=10)
+    for values in ([0.1, -0.5], [-0.3, 0.2], [0.2, 0.1]):
+        series.add(0.55, np.array(values))
+    assert series.values[5].tolist() == [-0.3, -0.5]
+    assert np.isnan(np.delete(series.values, 5, axis=0)).all()
+
+
+@pytest.mark.parametrize("time_s", [-0.001, 1.01, 50.0, float("nan")])
+def test_a_series_leaves_out_what_is_not_on_its_grid(time_s: float) -> None:
+    series = GridSeries(1, end_s=1.0, n_cells=10)
+    series.add(time_s, np.array([1.0]))
+    assert np.isnan(series.values).all()
+
+
+def test_the_range_of_a_plot_holds_its_values_and_ignores_what_is_not_there() -> None:
+    assert magnitude(np.array([np.nan, -0.3, np.inf, 0.2])) == 0.3
+    assert magnitude(np.full(3, np.nan)) == 0.0
+    assert round_up(0.0) == 1.0
+    for value, end in ((0.013, 0.02), (0.3, 0.5), (7.0, 10.0), (9.99, 10.0), (100.0, 100.0)):
+        assert round_up(value) == pytest.approx(end)
+        assert round_up(value) >= value
+
+
+def test_error_speed_and_torque_are_plotted_over_the_time_of_the_movement() -> None:
+    live = trial()
+    live.see(sample(2.0, 0.25))
+    cell = np.flatnonzero(np.isfinite(live.error_rad.values[:, 0]))
+    assert live.error_rad.time_s[cell] == pytest.approx([2.0], abs=0.02)
+    assert live.error_rad.values[cell, 0] == pytest.approx([0.15])
+    assert live.speed_rad_s.values[cell, 0] == pytest.approx([0.3])
+    assert live.effort_share.values[cell, 0] == pytest.approx([-0.25])  # of 20 N·m
+
+
+def test_the_path_of_the_hand_is_that_of_the_measured_positions_in_the_movement() -> None:
+    live = trial()
+    live.see(sample(-0.5, 1.0, phase=Phase.APPROACH))
+    live.see(sample(0.1, 0.7, index=2))
+    live.see(sample(0.1, 0.0))
+    live.see(sample(0.2, np.pi / 2))
+    live.see(sample(4.2, 0.3, phase=Phase.HOLD))
+    assert live.hand_m == pytest.approx(np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]))
+
+
+def test_the_planned_paths_are_thinned_but_keep_their_ends() -> None:
+    live = trial()
+    assert len(live.desired_m) == len(live.equilibrium_m) == PATH_POINTS
+    assert live.desired_m[[0, -1]] == pytest.approx(np.array([[0.5, 0, 0], [0, 0.5, 0]]), abs=1e-12)
+    assert live.equilibrium_m[0] == pytest.approx([0.5 * np.cos(0.1), 0.5 * np.sin(0.1), 0.0])
+
+
+def test_the_band_is_the_standard_deviation_of_the_goal_during_the_movement_alone() -> None:
+    live = trial(std_rad=0.02)
+    during = live.error_rad.time_s <= 4.0
+    assert live.std_rad[during, 0] == pytest.approx(0.02)
+    assert np.isnan(live.std_rad[~during]).all()
+    assert live.is_std_known
+
+
+@pytest.mark.parametrize("std_rad", [None, float("inf")])
+def test_there_is_no_band_while_nothing_is_known(std_rad: float | None) -> None:
+    live = trial(std_rad=std_rad)
+    assert not live.is_std_known
+    assert np.isnan(live.std_rad).all()
+
+
+def ended(index: int, outcome: str = "completed", reason: str = "") -> EndedTrial:
+    return EndedTrial(index, 0.5, 4.0, 0.01234, 0.0567, outcome, reason)
+
+
+def moved(index: int) -> LiveTrial:
+    live = trial(index)
+    for k in range(3):
+        live.see(sample(0.1 * k, 0.1 * k, index=index))
+    return live
+
+
+def test_the_table_has_a_row_a_trial_and_the_newest_first() -> None:
+    history = History()
+    history.end(ended(1), None)
+    history.end(ended(2, "aborted", "it left the corridor"), None)
+    table = history.table()
+    assert table.index("<td>2</td>") < table.index("<td>1</td>")
+    assert "0.0123" in table
+    assert "aborted" in table
+    assert 'title="it left the corridor"' in table
+
+
+def test_paths_of_the_last_trials_are_kept_and_a_new_run_begins_without_any() -> None:
+    history = History()
+    for index in range(1, KEPT_PATHS + 3):
+        history.end(ended(index), moved(index))
+    assert [index for index, _ in history.paths] == list(range(3, KEPT_PATHS + 3))
+    history.end(ended(1), moved(1))
+    assert [index for index, _ in history.paths] == [1]
+    assert [row.index for row in history.trials] == [1]
+
+
+def test_a_trial_that_is_told_twice_has_one_row() -> None:
+    history = History()
+    for index in (1, 2, 2):
+        history.end(ended(index), moved(index))
+    assert [row.index for row in history.trials] == [1, 2]
+    assert [index for index, _ in history.paths] == [1, 2]
+
+
+def test_a_trial_of_which_another_was_seen_has_no_path() -> None:
+    history = History()
+    history.end(ended(2), moved(1))
+    assert not history.paths
+
+
+def status(**changed: object) -> Status:
+    values = {
+        **{"arm_age_s": 0.1, "phase": Phase.RUN, "trial": 3, "trials": 15, "stage": "moving"},
+        **{"alpha": 0.5, "duration_s": 9.0, "max_error_rad": float("nan"), "progress": 0.2},
+        **{"stopped": False, "paused": False, "answer": ""},
+    }
+    return Status(**{**values, **changed})
+
+
+def test_what_comes_from_outside_is_text_on_the_page_and_nothing_else() -> None:
+    history = History()
+    history.end(ended(1, SCRIPT, f'"{SCRIPT}'), None)
+    for html in (history.table(), status_html(status(stage=SCRIPT, answer=SCRIPT))):
+        assert "<img" not in html
+        assert "&lt;img" in html
+    assert 'title="&quot;&lt;img' in history.table()
+
+
+def test_the_words_tell_a_stop_a_pause_and_an_arm_that_is_silent() -> None:
+    assert not any(word in status_html(status()) for word in ("EMERGENCY", "pause", "no joint states"))
+    assert "EMERGENCY STOP" in status_html(status(stopped=True))
+    assert "pauses after this trial" in status_html(status(paused=True))
+    assert ">paused<" in status_html(status(paused=True, stage="paused"))
+    assert "no joint states for 5 s" in status_html(status(arm_age_s=5.0))
+    assert "no joint states yet" in status_html(status(arm_age_s=float("inf")))
+
+
+@pytest.mark.parametrize(("missing", "towards"), [(2, (0, 0, 1)), (1, (0, -1, 0)), (0, (1, 0, 0))])
+def test_a_path_in_a_plane_is_looked_at_from_before_it(missing: int, towards: tuple[int, ...]) -> None:
+    path_m = np.insert(np.random.default_rng(0).uniform(0.2, 0.6, (20, 2)), missing, 0.0, axis=1)
+    view = viewpoint(path_m)
+    direction = view.position_m - view.target_m
+    assert direction @ np.array(towards) > 0.9 * np.linalg.norm(direction)
+
+
+def test_a_path_in_space_is_looked_at_from_above_and_from_outside() -> None:
+    path_m = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
+    view = viewpoint(path_m)
+    assert view.position_m[2] > path_m[:, 2].max()
+    assert np.linalg.norm(view.position_m - view.target_m) > view.size_m
