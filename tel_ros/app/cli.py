@@ -62,7 +62,7 @@ def main() -> None:
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of
                                         any arm, from recordings that other programs made
-    tel view my_arm.yaml                watch a graph that is running, in the browser (or: tel practice --view)
+    tel view my_arm.yaml                watch a running graph in the browser (or: tel practice --view)
     tel predict NETWORK MOVEMENT        the torques that a movement takes, and how sure they are
 
     \b
