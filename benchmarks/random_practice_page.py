@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import binomtest
 
-from tel_ros.app.figure_export import BLUE, GREEN, ORANGE, PURPLE, SOFT, figure_style, save_png
+from tel_ros.app.figure_export import BLUE, GREEN, ORANGE, PURPLE, SOFT, figure_style, save_figure
 from tel_ros.core.config import Config
 
 if TYPE_CHECKING:
@@ -99,8 +99,8 @@ def write_figure(results: Sequence[Result], config: Config, file: Path) -> None:
         )
         handles, labels = errors.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-        figure.savefig(file.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
-        save_png(figure, file.with_suffix(".png"))
+        save_figure(figure, file.with_suffix(".svg"))
+        save_figure(figure, file.with_suffix(".png"))
 
 
 def write_page(results: Sequence[Result], config: Config, file: Path, command: str) -> None:

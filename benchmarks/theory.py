@@ -17,7 +17,7 @@ from practice import markdown
 from theory_figure import figure
 from theory_runs import ROOT, RUNS, TOLERANCE_RAD, Measured, Run, measure
 
-from tel_ros.app.figure_export import figure_style, save_png
+from tel_ros.app.figure_export import figure_style, save_figure
 
 
 def number(value: float) -> str:
@@ -206,7 +206,7 @@ def main() -> None:
     drawing = options.out.parent / "figures" / "theory.png"
     drawing.parent.mkdir(exist_ok=True)
     with figure_style("theory"):
-        save_png(figure(runs), drawing)
+        save_figure(figure(runs), drawing)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,18 +89,13 @@ def _limits(trial: RecordedTrial) -> tuple[tuple[float, ...] | None, str]:
 
 
 def _save(figure: Figure, bag: Path, out: Path) -> None:
-    from tel_ros.app.figure_export import PALETTE, PAPER, inline_svg, save_png
+    from tel_ros.app.figure_export import PALETTE, inline_svg, save_figure
 
-    if out.suffix == ".png":
-        save_png(figure, out)
-    elif out.suffix == ".html":
+    if out.suffix == ".html":
         from tel_ros.app.report import page_environment
 
         page = page_environment().get_template(_PAGE)
         name = bag.resolve().name
         write_atomically(out, page.render(name=name, palette=PALETTE, svg=inline_svg(figure, "bag")) + "\n")
     else:
-        beside = out.with_name(f".{out.name}.{os.getpid()}.tmp")
-        undated = {"Date": None} if out.suffix == ".svg" else {"CreationDate": None}
-        figure.savefig(beside, format=out.suffix[1:], facecolor=PAPER, metadata=undated)
-        beside.replace(out)
+        save_figure(figure, out)

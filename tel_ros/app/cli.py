@@ -29,6 +29,7 @@ from tel_ros.app.errors import (
 )
 from tel_ros.app.predict_command import predict
 from tel_ros.app.replay_command import replay
+from tel_ros.app.report_command import report
 from tel_ros.app.resume_text import require_either, say_what_goes_on
 from tel_ros.app.sweep_command import sweep
 from tel_ros.app.train_command import train
@@ -50,7 +51,7 @@ def main() -> None:
     tel configs                         what there is to begin with
     tel practice planar_arm             a practice run: slow at first, faster trial by trial
     tel practice --resume bags/RUN      go on with one that was interrupted
-    tel report bags/RUN                 its report, again
+    tel report bags/RUN                 its report, again; of several runs: side by side
     tel check my_arm.yaml               is the arm what its configuration says? before it moves far
     tel compare planar_arm              other methods beside it: one table, one figure
     tel sweep planar_arm …              many practice runs over grids of values, one table
@@ -167,35 +168,20 @@ main.add_command(bag)
 main.add_command(check)
 main.add_command(compare)
 main.add_command(configs)
-main.add_command(replay)
 main.add_command(predict)
+main.add_command(replay)
+main.add_command(report)
 main.add_command(sweep)
 main.add_command(train)
 main.add_command(view)
 
 
-@main.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print the name of the report as JSON on stdout.")
-def report(run: Path, as_json: bool) -> None:
-    """Make the report of the practice run in folder RUN, from its bags."""
-    try:
-        file = _report(run)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
-    click.echo(json.dumps({"report": str(file)}) if as_json else file)
-
-
-def _report(folder: Path) -> Path:
-    from tel_ros.app.report import write_report  # late: plotting takes a second to import
-
-    return write_report(folder)
-
-
 def _report_at_the_end(folder: Path, as_json: bool) -> None:
     """Make the report of a run that has ended; if that fails, the run is still what it was."""
+    from tel_ros.app.report import write_report  # late: plotting takes a second to import
+
     try:
-        file = _report(folder)
+        file = write_report(folder)
     except (TelError, ModuleNotFoundError) as error:
         click.echo(f"tel: no report: {error} (`tel report {folder}` makes it later)", err=True)
         return

@@ -7,7 +7,7 @@ from pathlib import Path
 from tel_ros.app.comparison import Comparison
 from tel_ros.app.comparison_figure import comparison_figure
 from tel_ros.app.comparison_table import csv_text, json_text, page
-from tel_ros.app.figure_export import PAPER, figure_style, save_png
+from tel_ros.app.figure_export import figure_style, save_figure
 from tel_ros.core.errors import InputFileError
 
 NAME = "comparison"
@@ -35,9 +35,8 @@ def write_files(comparison: Comparison, folder: Path, command: str) -> None:
             (folder / f"{NAME}.{suffix}").write_text(text, encoding="utf-8")
         with figure_style(NAME):
             figure = comparison_figure(comparison)
-            no_metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-            figure.savefig(folder / f"{NAME}.svg", format="svg", facecolor=PAPER, metadata=no_metadata)
-            save_png(figure, folder / f"{NAME}.png")
+            for kind in ("svg", "png"):
+                save_figure(figure, folder / f"{NAME}.{kind}")
     except OSError as error:
         raise InputFileError(
             folder, f"cannot be written to ({error.strerror})", "a folder of your own"

@@ -1,4 +1,4 @@
-"""Figures as files: PNG for papers, SVG that takes its colours and font from the page around it."""
+"""Figures as files for papers, and as SVG that takes its colours and font from the page around it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,12 @@ PALETTE = {
 INK, SOFT, FAINT, PAPER, GREY, BLUE, ORANGE, GREEN, PURPLE = (light for light, _ in PALETTE.values())
 
 _PNG_DPI = 200
+_UNDATED: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": dict.fromkeys(("Creator", "Date", "Format", "Type")),
+    "pdf": dict.fromkeys(("Creator", "Producer", "CreationDate")),
+}
+"""Equal data give equal files."""
 
 _STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same figure on every machine
@@ -66,6 +72,7 @@ _STYLE: dict[str, Any] = {
     "xtick.minor.size": 1.5,
     "ytick.minor.size": 1.5,
     "svg.fonttype": "none",
+    "pdf.fonttype": 42,  # letters that can be searched, and that journals take
 }
 
 
@@ -82,10 +89,18 @@ def figure_style(name: str) -> Iterator[None]:
         yield
 
 
-def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure so that a reader finds the old file or the new one, never half of one."""
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure so that a reader finds the old file or the new one, never half of one.
+
+    Args:
+        figure: drawn in :func:`figure_style`.
+        path: of the file; its ending, .png, .svg or .pdf, says which format.
+    """
+    kind = path.suffix[1:]
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    figure.savefig(beside, format="png", dpi=_PNG_DPI, facecolor=PAPER, metadata={"Software": None})
+    # Letters as paths: wherever the SVG is shown, it looks like the PNG.
+    with matplotlib.rc_context({"svg.fonttype": "path"}):
+        figure.savefig(beside, format=kind, dpi=_PNG_DPI, facecolor=PAPER, metadata=_UNDATED[kind])
     beside.replace(path)
 
 
@@ -96,8 +111,7 @@ def inline_svg(figure: Figure, name: str) -> str:
     name in front, so that the figures of a page do not take each other's parts.
     """
     buffer = io.StringIO()
-    no_metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    figure.savefig(buffer, format="svg", transparent=True, metadata=no_metadata)
+    figure.savefig(buffer, format="svg", transparent=True, metadata=_UNDATED["svg"])
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # A style sheet inside one figure would hold for the whole page; the page brings its own.

@@ -29,6 +29,7 @@ WIDTH_IN = 7.2
 _PAGE_IN = 9.7
 """Height of what fits on a page with its caption."""
 _LEGEND_IN = 0.27
+_PATH_COLUMNS = 3
 _TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
 _VISIBLE_SHARE = 0.3
 """An effort limit is drawn unless the efforts reach less than this share of it and would look flat."""
@@ -75,22 +76,30 @@ def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[P
 
 
 def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figure:
-    """Return [Practice] Fig. 2 for a run: desired, actual and equilibrium path of the hand, side by side."""
+    """Return [Practice] Fig. 2: desired, actual and equilibrium path of the hand, three in a row."""
     everything = np.vstack([np.vstack([p.desired_m, p.actual_m, p.equilibrium_m]) for p in panels])
     low, high = everything.min(axis=0), everything.max(axis=0)
     margin_m = 0.06 * max(float((high - low).max()), 1e-3)
     low, high = low - margin_m, high + margin_m
     aspect = float((high - low)[1] / (high - low)[0])
-    panel_in = min((WIDTH_IN - 0.75) / len(panels), 4.0 / aspect, 3.6)
-    figure = Figure(figsize=(WIDTH_IN, panel_in * aspect + 1.15), layout="compressed")
+    columns = min(_PATH_COLUMNS, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
+    figure = Figure(figsize=(WIDTH_IN, rows * (panel_in * aspect + 0.6) + 0.55), layout="compressed")
     tick_m = _tick_distance(high - low)
-    all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, panel in zip(all_axes, panels, strict=True):
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in grid.flat[len(panels) :]:
+        axes.remove()
+    for place, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
         _draw_path(axes, panel)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=labels[0])
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MultipleLocator(tick_m))
-    all_axes[0].set_ylabel(labels[1])
+        if place + columns >= len(panels):
+            axes.set_xlabel(labels[0])
+            axes.tick_params(labelbottom=True)
+        if place % columns == 0:
+            axes.set_ylabel(labels[1])
     handles = [
         Line2D([], [], color=INK, linestyle=DOTS, linewidth=1.0, label="desired"),
         Line2D([], [], color=BLUE, linewidth=1.0, label="actual"),
@@ -98,7 +107,7 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
         Line2D([], [], **_START, label="start"),
     ]
     if not all(panel.completed for panel in panels):
-        handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
+        handles.append(Line2D([], [], **BROKEN_OFF, label="broken off"))
     legend_below(figure, "compressed", [handles])
     return figure
 
@@ -133,13 +142,14 @@ _START: dict[str, Any] = {
     "markeredgewidth": 1.0,
     "linestyle": "none",
 }
-_BROKEN_OFF: dict[str, Any] = {
+BROKEN_OFF: dict[str, Any] = {
     "marker": "x",
     "markersize": 5.5,
     "markeredgecolor": PURPLE,
     "markeredgewidth": 1.4,
     "linestyle": "none",
 }
+"""Where a trial ended before its time."""
 
 
 def _tick_distance(extent_m: FloatArray) -> float:
@@ -155,7 +165,7 @@ def _draw_path(axes: Axes, panel: PathPanel) -> None:
     axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
     axes.plot(*panel.actual_m[0], **_START)
     if not panel.completed:
-        axes.plot(*panel.actual_m[-1], **_BROKEN_OFF)
+        axes.plot(*panel.actual_m[-1], **BROKEN_OFF)
     axes.set_title(panel.title, linespacing=1.4)
 
 
@@ -167,11 +177,11 @@ def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm:
         joints: names.
         limits_nm: effort limits, one for each joint.
     """
-    figure, panels = _panels(joints)
+    figure, panels = movement_panels(joints)
     clipped = limited = False
     for joint, axes in enumerate(panels):
         for trial, colour in zip(drawn, _colours(drawn), strict=True):
-            time, effort_nm = _movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
+            time, effort_nm = movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
             axes.plot(time, effort_nm, color=colour, linewidth=0.9)
             saturated = trial.recorded.saturated[trial.recorded.run, joint]
             clipped |= mark_saturated(axes, time, effort_nm, saturated)
@@ -199,7 +209,7 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
         numbers = enumeration([str(trial.summary.index) for trial in drawn])
         columns.insert(0, (f"trials {numbers}", coloured, False))
     titles = [f"{joint}: {head}" if banded else joint for joint in joints for head, *_ in columns]
-    figure, panels = _panels(titles, max(2, len(columns)))
+    figure, panels = movement_panels(titles, max(2, len(columns)))
     for place, axes in enumerate(panels):
         joint, column = divmod(place, len(columns))
         _, shown, with_band = columns[column]
@@ -211,7 +221,7 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
             axes.set_ylabel("actual − desired [rad]")
     handles: list[Artist] = list(_trial_handles(drawn))
     if not all(trial.summary.completed for trial in drawn):
-        handles.append(Line2D([], [], **_BROKEN_OFF, label="broken off"))
+        handles.append(Line2D([], [], **BROKEN_OFF, label="broken off"))
     rows = [handles]
     if banded:
         rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=_BAND_LABEL)])
@@ -220,10 +230,10 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
 
 
 def _draw_error(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
-    time, error_rad = _movement_time(trial), trial.error_rad[:, joint]
+    time, error_rad = movement_time(trial), trial.error_rad[:, joint]
     axes.plot(time, error_rad, color=colour, linewidth=1.1)
     if not trial.summary.completed:
-        axes.plot(time[-1], error_rad[-1], **_BROKEN_OFF)
+        axes.plot(time[-1], error_rad[-1], **BROKEN_OFF)
 
 
 def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
@@ -231,15 +241,15 @@ def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
     half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
     # Unlike a line, an area is written with all of its points, and thousands would show no more.
     rows = np.unique(np.linspace(0, len(half_rad) - 1, _BAND_POINTS).round().astype(int))
-    time, half_rad = _movement_time(trial)[rows], half_rad[rows]
+    time, half_rad = movement_time(trial)[rows], half_rad[rows]
     known = np.isfinite(half_rad)
     half_rad = np.where(known, half_rad, 0.0)
     style: dict[str, Any] = {"color": colour, "alpha": _BAND_ALPHA, "linewidth": 0.0, "zorder": 0.8}
     axes.fill_between(time, -half_rad, half_rad, where=known, **style)
 
 
-def _panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, list[Axes]]:
-    """Return axes over the time of a movement, row by row."""
+def movement_panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one panel a title over the time of a movement, and the panels row by row."""
     columns = min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
     figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, _PAGE_IN)), layout="constrained")
@@ -259,7 +269,7 @@ def _panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, list[Axes]
     return figure, panels
 
 
-def _movement_time(trial: DrawnTrial) -> FloatArray:
+def movement_time(trial: DrawnTrial) -> FloatArray:
     """Return the time of each sample of RUN as a share of the trial's duration."""
     time: FloatArray = trial.recorded.time_s[trial.recorded.run] / trial.summary.duration_s
     return time

@@ -1,9 +1,8 @@
-"""The report of a practice run: one HTML file that needs nothing beside it, and its figures as PNG."""
+"""The report of a practice run: one HTML file that needs nothing beside it, and its figures as files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tel_ros import __version__
 from tel_ros.app import report_text
 from tel_ros.app.report_data import RunData, read_run
+from tel_ros.app.report_figure import FigureMaker, ReportFigure
 from tel_ros.app.report_theory import RunTheory, run_theory
 from tel_ros.core.errors import InputFileError, TelError
 from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE, write_atomically
@@ -18,33 +18,17 @@ from tel_ros.recording.urdf import chain_to_hand, read_urdf
 
 if TYPE_CHECKING:
     import jinja2
-    from matplotlib.figure import Figure
 
-FIGURE_FOLDER = "figures"
 _TEMPLATES = Path(__file__).parent / "templates"
 _TEMPLATE = "report.html.j2"
 
 
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure on the page.
-
-    Args:
-        name: of its PNG file, without the ending.
-        svg: the element to put into the page; empty if there is nothing to draw.
-        caption: what it shows, or why it is missing.
-    """
-
-    name: str
-    svg: str
-    caption: str
-
-
-def write_report(folder: Path) -> Path:
+def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     """Write ``report.html`` and the figures of a practice run into its folder.
 
     Args:
         folder: of the run.
+        formats: of the files of the figures; those of an earlier report in other formats are removed.
 
     Returns:
         The path of the HTML file.
@@ -53,18 +37,12 @@ def write_report(folder: Path) -> Path:
         InputFileError: the folder is not that of a run with at least one trial, or cannot be written.
         TelError: a library that reports need is not installed.
     """
-    try:
-        import jinja2  # noqa: F401
-        import matplotlib  # noqa: F401 - only to know whether it is there
-    except ModuleNotFoundError as error:
-        raise TelError(
-            f"a report needs {error.name}, which is not installed: pip install 'tel_ros[report]'"
-        ) from error
+    require_report_libraries()
     run = read_run(folder)
-    file = folder / REPORT_FILE
+    file, maker = folder / REPORT_FILE, FigureMaker(folder, formats)
     try:
         theory = run_theory(run)
-        content = _content(run, theory, _figures(run) | {"theory": _theory_figure(run, theory)})
+        content = _content(run, theory, _figures(run, maker) | {"theory": _theory_figure(run, theory, maker)})
         page = page_environment().get_template(_TEMPLATE).render(content, text=report_text)
         write_atomically(file, page + "\n")
     except OSError as error:
@@ -72,6 +50,21 @@ def write_report(folder: Path) -> Path:
             error.filename or folder, f"cannot be written ({error.strerror})", "room for a report"
         ) from error
     return file
+
+
+def require_report_libraries() -> None:
+    """Complain if a library that reports need is not installed.
+
+    Raises:
+        TelError: one is not.
+    """
+    try:
+        import jinja2  # noqa: F401
+        import matplotlib  # noqa: F401 - only to know whether it is there
+    except ModuleNotFoundError as error:
+        raise TelError(
+            f"a report needs {error.name}, which is not installed: pip install 'tel_ros[report]'"
+        ) from error
 
 
 def page_environment() -> jinja2.Environment:
@@ -101,18 +94,15 @@ def _content(run: RunData, theory: RunTheory, figures: dict[str, ReportFigure]) 
         "date": f"{written:%Y-%m-%d %H:%M}",
         "configuration": (run.folder / CONFIG_FILE).read_text(encoding="utf-8"),
         "version": __version__,
-        "figure_folder": FIGURE_FOLDER,
     }
 
 
-def _figures(run: RunData) -> dict[str, ReportFigure]:
-    """Draw the figures and write them as PNG, too."""
+def _figures(run: RunData, maker: FigureMaker) -> dict[str, ReportFigure]:
     from tel_ros.app import figures, trial_figures
 
     arm = run.config.arm
     made = {
-        "practice": _make(
-            run.folder,
+        "practice": maker.make(
             "practice",
             lambda: trial_figures.practice_figure(run.trials),
             "Errors and durations of all trials. Tracking error: measured minus desired joint position, over "
@@ -122,28 +112,20 @@ def _figures(run: RunData) -> dict[str, ReportFigure]:
     }
     if not run.drawn:
         nothing = "Nothing to draw: there is no trial with a movement and a readable bag."
-        return made | {
-            name: _missing(run.folder, name, nothing) for name in ("hand_path", "effort", "tracking")
-        }
+        return made | {name: maker.missing(name, nothing) for name in ("hand_path", "effort", "tracking")}
     chain = chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
     panels, plane, labels = figures.path_panels(run.drawn, chain)
     return made | {
-        "hand_path": _make(
-            run.folder,
-            "hand_path",
-            lambda: figures.hand_path_figure(panels, labels),
-            "Path of the hand: desired (dotted), actual (solid), and where the equilibrium-point command "
-            f"pulls it (grey). {plane} Same scale in all panels.",
+        "hand_path": maker.make(
+            "hand_path", lambda: figures.hand_path_figure(panels, labels), report_text.path_caption(plane)
         ),
-        "effort": _make(
-            run.folder,
+        "effort": maker.make(
             "effort",
             lambda: figures.effort_figure(run.drawn, arm.joints, arm.effort_limit_nm),
             "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit "
             "that is far off the scale is named instead of drawn.",
         ),
-        "tracking": _make(
-            run.folder,
+        "tracking": maker.make(
             "tracking",
             lambda: figures.tracking_figure(run.drawn, arm.joints),
             report_text.tracking_caption(run.drawn),
@@ -151,13 +133,12 @@ def _figures(run: RunData) -> dict[str, ReportFigure]:
     }
 
 
-def _theory_figure(run: RunData, theory: RunTheory) -> ReportFigure:
+def _theory_figure(run: RunData, theory: RunTheory, maker: FigureMaker) -> ReportFigure:
     from tel_ros.app import trial_figures
 
     if not theory.estimates:
-        return _missing(run.folder, "theory", theory.missing)
-    return _make(
-        run.folder,
+        return maker.missing("theory", theory.missing)
+    return maker.make(
         "theory",
         lambda: trial_figures.theory_figure(theory.trials, theory.estimates),
         "What the paper's theorems speak of. Left: the command error that the tracking error comes from, "
@@ -165,23 +146,3 @@ def _theory_figure(run: RunData, theory: RunTheory) -> ReportFigure:
         "Right: training helps for certain only where k_R is below 1. Near 1 the network is taught where the "
         "arm goes, not where it should go. " + theory.missing,
     )
-
-
-def _make(folder: Path, name: str, draw: Callable[[], Figure], caption: str) -> ReportFigure:
-    from markupsafe import Markup
-
-    from tel_ros.app.figure_export import figure_style, inline_svg, save_png
-
-    (folder / FIGURE_FOLDER).mkdir(exist_ok=True)
-    with figure_style(name):
-        figure = draw()
-        save_png(figure, folder / FIGURE_FOLDER / f"{name}.png")
-        figure.set_layout_engine("none")  # all is in its place; to find it again takes longer than to draw
-        svg = inline_svg(figure, name)
-    return ReportFigure(name, Markup(svg), caption)
-
-
-def _missing(folder: Path, name: str, why: str) -> ReportFigure:
-    # The figure of an earlier report would pass for one of this report.
-    (folder / FIGURE_FOLDER / f"{name}.png").unlink(missing_ok=True)
-    return ReportFigure(name, "", why)

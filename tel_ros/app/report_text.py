@@ -113,6 +113,14 @@ def enumeration(words: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
+def path_caption(plane: str) -> str:
+    """Return what the figure of the hand's path shows; ``plane`` is a sentence about where it is drawn."""
+    return (
+        "Path of the hand: desired (dotted), actual (solid), and where the equilibrium-point command "
+        f"pulls it (grey). {plane} Same scale in all panels."
+    )
+
+
 def tracking_caption(drawn: Sequence[DrawnTrial]) -> str:
     """Return what the figure of the tracking error shows, and what there is to know about its bands."""
     caption = "Tracking error of each joint over the movement, for the same trials."

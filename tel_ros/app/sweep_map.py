@@ -8,13 +8,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from tel_ros.app.figure_export import INK, PAPER, SOFT, figure_style, save_png
+from tel_ros.app.figure_export import INK, PAPER, SOFT, figure_style, save_figure
 from tel_ros.app.figures import WIDTH_IN
 from tel_ros.app.sweep_plan import MapPlan
 from tel_ros.app.sweep_point import FAILED, MEASURES
@@ -81,13 +80,12 @@ def write_map(rows: Sequence[Row], plan: MapPlan, beside: Path) -> list[Path]:
     Returns:
         The files.
     """
-    png, svg = beside.with_suffix(".png"), beside.with_suffix(".svg")
-    # Letters as paths: wherever the SVG is shown, it looks like the PNG.
-    with figure_style(beside.name), matplotlib.rc_context({"svg.fonttype": "path"}):
+    files = [beside.with_suffix(".png"), beside.with_suffix(".svg")]
+    with figure_style(beside.name):
         figure = map_figure(rows, plan)
-        save_png(figure, png)
-        figure.savefig(svg, format="svg", facecolor=PAPER, metadata={"Date": None, "Creator": None})
-    return [png, svg]
+        for file in files:
+            save_figure(figure, file)
+    return files
 
 
 def map_figure(rows: Sequence[Row], plan: MapPlan) -> Figure:

@@ -57,10 +57,7 @@ def _over_trials(
         )
     known = [value for values, *_ in series for value in values if math.isfinite(value)]
     if log and any(value > 0.0 for value in known):
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        scale_errors(axes)
     if not known:
         axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
         axes.set_yticks([])
@@ -71,6 +68,14 @@ def _over_trials(
     axes.set_axisbelow(True)
     if known and any(label for _, label, *_ in series):
         axes.legend(loc="best")
+
+
+def scale_errors(axes: Axes) -> None:
+    """Give the vertical axis decades, and numbers that need no exponent to be read."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:
