@@ -266,3 +266,13 @@ def test_what_is_allowed_is_not_complained_about() -> None:
     assert forbidden(source, "sim_bridge", "tel_ros.app") == set()
     assert strings(source) == set()
     assert strings("MODULE = 'sim_bridge.node'") == {"sim_bridge.node"}
+
+
+@pytest.mark.parametrize(
+    "module", ["tel_ros.app.cli", "tel_ros.nodes.ep_controller", "tel_ros.nodes.practice_manager"]
+)
+def test_what_does_not_learn_starts_without_the_libraries_that_learning_needs(module: str) -> None:
+    heavy = "{'numba', 'scipy.signal', 'scipy.stats', 'matplotlib'} & set(sys.modules)"
+    command = [sys.executable, "-c", f"import sys, {module}; print(*sorted({heavy}))"]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert loaded == []

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from tel_ros.core.learning import tree_kernels
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray
 
@@ -75,6 +74,9 @@ class InputRange:
 
     def scale(self, inputs: FloatArray) -> FloatArray:
         """Map inputs of shape (n, n_inputs) to 0 … 1."""
+        # Late: numba takes a second of the start-up of processes that never learn.
+        from tel_ros.core.learning import tree_kernels
+
         # Compiled, because a single sample costs NumPy several times as much.
         scaled: FloatArray = tree_kernels.scale(inputs, self.low, self._width)
         return scaled

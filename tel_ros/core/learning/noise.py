@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt, welch
-from scipy.special import gammaincinv
+import scipy  # loads its parts when they are first used: half a second that most processes do without
 
 from tel_ros.core.types import FloatArray
 
@@ -56,8 +55,8 @@ def low_pass(values: FloatArray, cutoff_hz: float, period_s: float) -> FloatArra
     """
     if not filters(cutoff_hz, period_s):
         return values
-    sos = butter(_FILTER_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
-    filtered: FloatArray = sosfiltfilt(sos, values, axis=0)
+    sos = scipy.signal.butter(_FILTER_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
+    filtered: FloatArray = scipy.signal.sosfiltfilt(sos, values, axis=0)
     return filtered
 
 
@@ -158,7 +157,7 @@ def _spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArr
     """Return frequencies [Hz], power densities [rad²/Hz] and for each joint that of its noise."""
     segment = min(len(values), max(round(_SEGMENT_S / period_s), 16))
     # The motion has 10⁸ times the power of an encoder's noise: few windows keep that from spilling over.
-    frequency_hz, power = welch(
+    frequency_hz, power = scipy.signal.welch(
         values - values[0],  # so that a joint that stands still has no rounding errors
         fs=1.0 / period_s,
         window="blackmanharris",
@@ -172,7 +171,7 @@ def _spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArr
     # leaves segments that overlap by half next to independent). Its median is less than its mean: 0.69 of it
     # for one segment.
     n_segments = 1 + (len(values) - segment) // (segment - segment // 2)
-    floor: FloatArray = tail * (n_segments / float(gammaincinv(n_segments, 0.5)))
+    floor: FloatArray = tail * (n_segments / float(scipy.special.gammaincinv(n_segments, 0.5)))
     return frequency_hz, power, floor
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy  # loads its parts when they are first used: half a second that most processes do without
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TrainingError
@@ -177,7 +177,7 @@ def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
         TrainingError: fewer than 50.
     """
     clipped: BoolArray = np.any(trial.saturated, axis=1)
-    touched = maximum_filter1d(clipped.astype(np.uint8), 2 * reach + 1, mode="constant") > 0
+    touched = scipy.ndimage.maximum_filter1d(clipped.astype(np.uint8), 2 * reach + 1, mode="constant") > 0
     kept: BoolArray = ~touched[trial.run]
     n_kept, n_clipped = np.count_nonzero(kept), np.count_nonzero(clipped & trial.run)
     if n_kept < _SHORTEST_RECORD:

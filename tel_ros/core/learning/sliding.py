@@ -8,7 +8,7 @@ inertia, gravity or c, and where springs are weak it is far off.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+import scipy  # loads its parts when they are first used: half a second that most processes do without
 
 from tel_ros.core.types import BoolArray, FloatArray
 
@@ -36,8 +36,8 @@ def slides_throughout(velocity_rad_s: FloatArray, noise_rad_s: FloatArray, reach
     """
     moves = np.maximum(SLOWEST_SLIDING_RAD_S, _CLEAR_OF_NOISE * noise_rad_s)
     size = 2 * reach + 1
-    forwards = minimum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") > moves
-    backwards = maximum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") < -moves
+    forwards = scipy.ndimage.minimum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") > moves
+    backwards = scipy.ndimage.maximum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") < -moves
     result: BoolArray = forwards | backwards
     return result
 
