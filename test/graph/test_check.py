@@ -160,14 +160,17 @@ def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
     listener.create_subscription(JointState, topics.JOINT_STATES, states.append, 5000)
     command = [sys.executable, "-c", PATIENT_CHECK, str(CONFIG), *EXTERNAL, "--yes"]
     fake_arm("no_watchdog")  # so that nothing but the check's own last command can switch the effort off
-    process = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
     try:
-        spin_until(executor, lambda: bool(states) and any(states[-1].effort), 40.0)
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=20.0)
-        assert process.returncode == 130
+        for _ in range(3):  # on a machine that stands still the check may be over before the signal comes
+            process = subprocess.Popen(
+                command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            )
+            spin_until(executor, lambda: bool(states) and any(states[-1].effort), 40.0)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=20.0)
+            if process.returncode not in (0, 1):
+                break
+        assert process.returncode == 130, err
         assert "zero effort was commanded" in err
         seen = len(states)
         spin_until(executor, lambda: len(states) > seen + 50, 20.0)
