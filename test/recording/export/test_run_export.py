@@ -160,6 +160,10 @@ def test_trials_of_a_clock_that_began_anew_come_one_after_another(run: Path, tmp
     assert Counter(row for row in moved if row[0] not in exported_topics.ADDED) == Counter(recorded)
     for time_ns, message in messages(exported.folder, exported_topics.TF):
         assert stamp_ns(message.transforms[0].header) == time_ns
+    for topic in (*exported_topics.STREAMED, *exported_topics.ONCE_A_TRIAL):
+        times_ns = [time_ns for time_ns, _ in messages(exported.folder, topic)]
+        half = len(times_ns) // 2
+        assert times_ns[half:] == [time_ns + shift_ns for time_ns in times_ns[:half]]
 
 
 def test_a_bag_in_sqlite3_gives_the_same_file(tmp_path: Path) -> None:
