@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tel_ros.app.bag_export_command import export_command
 from tel_ros.app.bag_recover_command import recover_command
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import BagError, TelError
@@ -20,9 +21,10 @@ _LOG_WIDTH = 160
 
 @click.group()
 def bag() -> None:
-    """Look at bags: what they hold, whether they are whole, a figure; recover what a crash has left."""
+    """Look at bags: what they hold, whether they are whole, a figure; export them; recover what is left."""
 
 
+bag.add_command(export_command)
 bag.add_command(recover_command)
 
 

@@ -59,6 +59,7 @@ def main() -> None:
     \b
     tel bag info bags/RUN               what bags hold, and whether they are whole
     tel bag plot bags/RUN/trial_001     a figure of one
+    tel bag export bags/RUN --out DIR   all of its trials in one file, for Foxglove and PlotJuggler
     tel bag recover bags/RUN/.unfinished/trial_004   what a crash has left of one
     tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
     tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of

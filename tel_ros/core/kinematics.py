@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tel_ros.core.types import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,42 @@ class ChainJoint:
     index: int | None
     prismatic: bool = False
 
+    def placements(self, position_rad: FloatArray) -> tuple[FloatArray, Rotation]:
+        """Return where the link behind the joint is in the frame of the link before it.
+
+        Args:
+            position_rad: of the arm's joints [rad, m]. Shape (n, n_joints).
+
+        Returns:
+            Places [m] of shape (n, 3), and n orientations.
+        """
+        from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
+
+        n = len(position_rad)
+        origin = Rotation.from_euler("xyz", self.origin_rpy_rad)
+        places = np.tile(self.origin_m, (n, 1))
+        if self.index is None:
+            return places, origin * Rotation.identity(n)
+        along = np.outer(position_rad[:, self.index], self.axis)
+        if self.prismatic:
+            return places + origin.apply(along), origin * Rotation.identity(n)
+        return places, origin * Rotation.from_rotvec(along)
+
+
+@dataclass(frozen=True)
+class LinkJoint:
+    """A joint of a tree of links.
+
+    Args:
+        parent: the link before it.
+        child: the link behind it.
+        joint: how the one is placed in the frame of the other.
+    """
+
+    parent: str
+    child: str
+    joint: ChainJoint
+
 
 @dataclass(frozen=True)
 class SerialChain:
@@ -46,13 +86,7 @@ class SerialChain:
         rotation = Rotation.identity(n)
         place = np.zeros((n, 3))
         for joint in self.joints:
-            place = place + rotation.apply(joint.origin_m)
-            rotation = rotation * Rotation.from_euler("xyz", joint.origin_rpy_rad)
-            if joint.index is None:
-                continue
-            along = np.outer(position_rad[:, joint.index], joint.axis)
-            if joint.prismatic:
-                place = place + rotation.apply(along)
-            else:
-                rotation = rotation * Rotation.from_rotvec(along)
+            placed, turned = joint.placements(position_rad)
+            place = place + rotation.apply(placed)
+            rotation = rotation * turned
         return place

@@ -179,6 +179,12 @@ class BagWriter:
         with suppress(*_DISK_ERRORS):
             self._writer.abort()
 
+    def discard(self) -> None:
+        """Remove what there is of a bag that was given up; a closed one stays."""
+        shutil.rmtree(self._staging, ignore_errors=True)
+        with suppress(OSError):  # bags of others are in there
+            self._staging.parent.rmdir()
+
     def __enter__(self) -> BagWriter:
         """Return the writer."""
         return self

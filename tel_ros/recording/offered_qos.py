@@ -11,12 +11,16 @@ _INFINITE = QosTime(9223372036, 854775807)
 """The longest time that rosbag2 can tell: no deadline, no lifespan, no lease."""
 
 
-def offered_qos(topic: str) -> Qos:
+def offered_qos(topic: str, *, latched: bool = False) -> Qos:
     """Return the quality of service for playing a topic of a trial.
 
     Reliable, as it was published. What a trial has once is for whoever comes late as well.
+
+    Args:
+        topic: its name.
+        latched: whether that holds for this one, too.
     """
-    once = topic in topics.RECORDED_ONCE
+    once = latched or topic in topics.RECORDED_ONCE
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=1 if once else _DEPTH,

@@ -14,7 +14,7 @@ from urdf_parser_py.urdf import URDF
 
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.core.kinematics import ChainJoint, SerialChain
+from tel_ros.core.kinematics import ChainJoint, LinkJoint, SerialChain
 from tel_ros.core.types import FloatArray
 
 MOVABLE = ("revolute", "continuous", "prismatic")
@@ -89,7 +89,24 @@ def read_urdf(path: Path) -> Any:
     if not path.is_file():
         raise InputFileError(path, "there is no such file", "a URDF file (key arm.urdf)")
     try:
-        urdf = URDF.from_xml_string(path.read_bytes())
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputFileError(path, f"not readable ({error})", "a URDF file (key arm.urdf)") from error
+    return parse_urdf(content, path)
+
+
+def parse_urdf(content: bytes, path: object) -> Any:
+    """Return the parsed URDF.
+
+    Args:
+        content: of the file.
+        path: where it comes from, for messages.
+
+    Raises:
+        InputFileError: it is no URDF, or its links form no tree.
+    """
+    try:
+        urdf = URDF.from_xml_string(content)
         reached = {urdf.get_root()}
         for _ in urdf.joints:
             reached |= {joint.child for joint in urdf.joints if joint.parent in reached}
@@ -144,16 +161,20 @@ def chain_to_hand(urdf: Any, joints: tuple[str, ...], hand_link: str) -> SerialC
         links = ", ".join(urdf.link_map)
         raise ConfigError("hand_link", hand_link, f"a link of the URDF (it has {links})")
     names = urdf.get_chain(urdf.get_root(), hand_link, joints=True, links=False)
-    chain = []
-    for joint in (urdf.joint_map[name] for name in names):
-        axis = np.array(joint.axis if joint.axis is not None else [1.0, 0.0, 0.0], dtype=float)
-        chain.append(
-            ChainJoint(
-                origin_m=_triple(joint.origin and joint.origin.xyz),
-                origin_rpy_rad=_triple(joint.origin and joint.origin.rpy),
-                axis=axis / np.linalg.norm(axis) if np.any(axis) else axis,
-                index=joints.index(joint.name) if joint.name in joints else None,
-                prismatic=joint.type == "prismatic",
-            )
-        )
-    return SerialChain(tuple(chain))
+    return SerialChain(tuple(_chain_joint(urdf.joint_map[name], joints) for name in names))
+
+
+def link_joints(urdf: Any, joints: tuple[str, ...]) -> tuple[LinkJoint, ...]:
+    """Return all joints of the URDF, in its order; those that are not among ``joints`` stay at 0."""
+    return tuple(LinkJoint(each.parent, each.child, _chain_joint(each, joints)) for each in urdf.joints)
+
+
+def _chain_joint(joint: Any, joints: tuple[str, ...]) -> ChainJoint:
+    axis = np.array(joint.axis if joint.axis is not None else [1.0, 0.0, 0.0], dtype=float)
+    return ChainJoint(
+        origin_m=_triple(joint.origin and joint.origin.xyz),
+        origin_rpy_rad=_triple(joint.origin and joint.origin.rpy),
+        axis=axis / np.linalg.norm(axis) if np.any(axis) else axis,
+        index=joints.index(joint.name) if joint.name in joints else None,
+        prismatic=joint.type == "prismatic",
+    )

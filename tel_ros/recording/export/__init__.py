@@ -1,0 +1,1 @@
+"""A practice run as one file for other programs."""

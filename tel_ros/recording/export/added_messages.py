@@ -1,0 +1,206 @@
+"""What a view in space needs and bags do not hold: the arm's description, its links, the hand's ways."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tel_ros.core.config import ArmConfig
+from tel_ros.core.errors import BagError, InputFileError
+from tel_ros.core.kinematics import LinkJoint, SerialChain
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording.export import exported_topics as added
+from tel_ros.recording.message_types import typestore
+from tel_ros.recording.stored_files import stored_config, stored_urdf
+from tel_ros.recording.trial_bag import RecordedTrial
+from tel_ros.recording.urdf import chain_to_hand, link_joints, parse_urdf
+
+THINNED_NS = NS_PER_S // 50
+"""Least time between two poses: eyes see no more, and poses are long messages."""
+
+Added = tuple[str, int, bytes]
+"""Topic, time in the exported file [ns], serialised message."""
+
+
+@dataclass(frozen=True)
+class ExportedArm:
+    """The arm of a run, as its bags describe it.
+
+    Args:
+        config: joints, limits, hand.
+        urdf: text of its description, as recorded.
+        root: the link that everything is placed in.
+        joints: of its tree of links.
+        chain: from the root to the hand.
+        meshes: files that the description names; none of them is in a bag.
+    """
+
+    config: ArmConfig
+    urdf: str
+    root: str
+    joints: tuple[LinkJoint, ...]
+    chain: SerialChain
+    meshes: tuple[str, ...]
+
+    @property
+    def reach_m(self) -> float:
+        """Sum of the lengths of the way to the hand: no turning joint takes it further from the root."""
+        return float(sum(np.linalg.norm(joint.origin_m) for joint in self.chain.joints))
+
+
+def exported_arm(bag: Path, metadata: Mapping[str, str]) -> ExportedArm:
+    """Return the arm that a bag was recorded with.
+
+    Raises:
+        BagError: its configuration or description is missing, or cannot be used.
+        ConfigError: they do not fit each other.
+    """
+    config = stored_config(bag, metadata).arm
+    text = stored_urdf(bag, metadata)
+    try:
+        urdf = parse_urdf(text.encode("utf-8"), config.urdf)
+    except InputFileError as error:
+        raise BagError(bag, f"holds a URDF that is {error.found}", "that of the arm") from error
+    shapes = [shape.geometry for link in urdf.links for shape in (*link.visuals, *link.collisions)]
+    meshes = dict.fromkeys(shape.filename for shape in shapes if hasattr(shape, "filename"))
+    return ExportedArm(
+        config=config,
+        urdf=text,
+        root=urdf.get_root(),
+        joints=link_joints(urdf, config.joints),
+        chain=chain_to_hand(urdf, config.joints, config.hand_link),
+        meshes=tuple(meshes),
+    )
+
+
+def messages_of_arm(arm: ExportedArm, time_ns: int) -> Iterator[Added]:
+    """Yield what is said once in a file, at its beginning."""
+    yield added.ROBOT_DESCRIPTION, time_ns, _serialised(added.ROBOT_DESCRIPTION, data=arm.urdf)
+    still = [each for each in arm.joints if each.joint.index is None]
+    yield added.TF_STATIC, time_ns, next(_transforms(added.TF_STATIC, still, _at(time_ns), np.zeros((1, 0))))
+
+
+def messages_of_trial(
+    trial: RecordedTrial, arm: ExportedArm, begin_ns: int, end_ns: int, shift_ns: int
+) -> list[Added]:
+    """Return what is added to a trial, in the order of time.
+
+    Args:
+        trial: its joints are those of the arm.
+        arm: that executed it.
+        begin_ns: time of its first message in the exported file.
+        end_ns: time of its last message there.
+        shift_ns: what is added to its recorded times.
+    """
+    times_ns = trial.time_ns + shift_ns
+    limits = np.array(arm.config.effort_limit_nm)
+    bounds = _serialised(added.EFFORT_LIMIT, **_array(np.concatenate([limits, -limits])))
+    messages: list[Added] = [(added.EFFORT_LIMIT, time_ns, bounds) for time_ns in (begin_ns, end_ns)]
+
+    run = np.flatnonzero(trial.run)
+    n_joints = len(trial.joints)
+    ways = {
+        added.DESIRED_PATH: trial.desired[:, :n_joints],
+        added.ACTUAL_PATH: trial.position_rad,
+        added.EQUILIBRIUM_PATH: trial.equilibrium_rad,
+    }
+    seen = run[thinned(times_ns[run])]
+    for topic, positions_rad in ways.items():
+        hand_m = arm.chain.hand_positions(positions_rad[seen])
+        messages.append((topic, begin_ns, _path(topic, _header(begin_ns, arm.root), times_ns[seen], hand_m)))
+
+    moving = [each for each in arm.joints if each.joint.index is not None]
+    rows = thinned(times_ns)
+    transforms = _transforms(added.TF, moving, times_ns[rows], trial.position_rad[rows])
+    messages += zip((added.TF,) * len(rows), map(int, times_ns[rows]), transforms, strict=True)
+
+    error_rad = trial.position_rad - trial.desired[:, :n_joints]
+    messages += [
+        (added.ERROR, int(times_ns[k]), _serialised(added.ERROR, **_array(error_rad[k]))) for k in run
+    ]
+    return sorted(messages, key=lambda message: message[1])
+
+
+def thinned(times_ns: IntArray) -> IntArray:
+    """Return which of some times to keep: the first of every :data:`THINNED_NS`, and the last of all.
+
+    Args:
+        times_ns: Shape (n,).
+
+    Returns:
+        Indices, rising; none if there is no time.
+    """
+    if not len(times_ns):
+        return np.zeros(0, dtype=np.int64)
+    _, first = np.unique((times_ns - times_ns[0]) // THINNED_NS, return_index=True)
+    kept: IntArray = np.union1d(first, [len(times_ns) - 1]).astype(np.int64)
+    return kept
+
+
+def _at(time_ns: int) -> IntArray:
+    return np.array([time_ns], dtype=np.int64)
+
+
+def _transforms(
+    topic: str, joints: list[LinkJoint], times_ns: IntArray, position_rad: FloatArray
+) -> Iterator[bytes]:
+    """Yield the placements of some links, one message a row of ``position_rad``."""
+    types = typestore().types
+    placed = [each.joint.placements(position_rad) for each in joints]
+    quaternions = [turned.as_quat() for _, turned in placed]
+    for row, time_ns in enumerate(times_ns):
+        transforms = [
+            types["geometry_msgs/msg/TransformStamped"](
+                header=_header(int(time_ns), each.parent),
+                child_frame_id=each.child,
+                transform=types["geometry_msgs/msg/Transform"](
+                    translation=_xyz("Vector3", places[row]), rotation=_quaternion(turned[row])
+                ),
+            )
+            for each, (places, _), turned in zip(joints, placed, quaternions, strict=True)
+        ]
+        yield _serialised(topic, transforms=transforms)
+
+
+def _path(topic: str, header: Any, times_ns: IntArray, positions_m: FloatArray) -> bytes:
+    types = typestore().types
+    straight = _quaternion(np.array([0.0, 0.0, 0.0, 1.0]))
+    poses = [
+        types["geometry_msgs/msg/PoseStamped"](
+            header=_header(int(time_ns), header.frame_id),
+            pose=types["geometry_msgs/msg/Pose"](position=_xyz("Point", position_m), orientation=straight),
+        )
+        for time_ns, position_m in zip(times_ns, positions_m, strict=True)
+    ]
+    return _serialised(topic, header=header, poses=poses)
+
+
+def _header(time_ns: int, frame: str) -> Any:
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](sec=time_ns // NS_PER_S, nanosec=time_ns % NS_PER_S)
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+
+
+def _xyz(kind: str, values: FloatArray) -> Any:
+    x, y, z = map(float, values)
+    return typestore().types[f"geometry_msgs/msg/{kind}"](x=x, y=y, z=z)
+
+
+def _quaternion(values: FloatArray) -> Any:
+    x, y, z, w = map(float, values)
+    return typestore().types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
+
+
+def _array(values: FloatArray) -> dict[str, Any]:
+    """Return the fields of a Float64MultiArray, as :func:`_serialised` takes them."""
+    layout = typestore().types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    return {"layout": layout, "data": np.ascontiguousarray(values, dtype=np.float64)}
+
+
+def _serialised(topic: str, **fields: Any) -> bytes:
+    store, kind = typestore(), added.ADDED[topic]
+    return bytes(store.serialize_cdr(store.types[kind](**fields), kind))

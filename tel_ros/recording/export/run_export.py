@@ -1,0 +1,224 @@
+"""Writing the trials of a run into one MCAP file, with what other programs need to show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from heapq import merge
+from pathlib import Path
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
+
+from tel_ros.core.config import RecordingConfig
+from tel_ros.core.errors import BagError
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.any_bag import open_any_bag, reading, type_hash
+from tel_ros.recording.bag_inspection import inspect_bag
+from tel_ros.recording.bag_writer import BagWriter
+from tel_ros.recording.export import exported_topics
+from tel_ros.recording.export.added_messages import (
+    Added,
+    ExportedArm,
+    exported_arm,
+    messages_of_arm,
+    messages_of_trial,
+)
+from tel_ros.recording.export.timeline import Timeline
+from tel_ros.recording.message_types import typestore
+from tel_ros.recording.offered_qos import offered_qos
+from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bags
+from tel_ros.recording.trial_bag import RecordedTrial, read_trial
+
+_SYNC_S = 60.0
+"""The file is brought to the disk this often: what a crash costs can be exported again."""
+
+
+@dataclass(frozen=True)
+class ExportedTrial:
+    """Where a trial is in the file.
+
+    Args:
+        bag: that it comes from.
+        index: of the trial.
+        begin_s: time of its first message in the file.
+        end_s: time of its last message in the file.
+        shift_s: what was added to its recorded times.
+    """
+
+    bag: Path
+    index: int
+    begin_s: float
+    end_s: float
+    shift_s: float
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written.
+
+    Args:
+        folder: a rosbag2 folder.
+        file: the MCAP file in it.
+        arm: of the run.
+        counts: messages in the file by topic.
+        trials: in their order.
+        left_out: bags of the run that are not in the file, and why.
+    """
+
+    folder: Path
+    file: Path
+    arm: ExportedArm
+    counts: dict[str, int]
+    trials: tuple[ExportedTrial, ...]
+    left_out: dict[Path, str]
+
+
+def export(source: Path, out: Path) -> Export:
+    """Write a run, or a single trial, into one MCAP file, which is also a rosbag2 folder.
+
+    Everything that was recorded is there byte by byte, with its definition; what is added to it lies on
+    topics of its own (:mod:`tel_ros.recording.export.exported_topics`). The time of a message in the file is
+    the recorded one as long as that does not go back from one trial to the next
+    (:class:`tel_ros.recording.export.timeline.Timeline`); stamps inside recorded messages are never touched.
+
+    Args:
+        source: folder of a run or of a bag.
+        out: folder to make.
+
+    Raises:
+        BagError: there is neither run nor bag, no trial of it is whole, the arm's description is missing, or
+            the folder exists or cannot be written.
+        ConfigError: the arm's description does not fit its configuration.
+    """
+    if out.exists():
+        raise BagError(out, "exists already", "a folder that is new")
+    is_run = (source / CONFIG_FILE).is_file() or (source / SUMMARY_FILE).is_file()
+    bags = trial_bags(source) if is_run else [source]
+    if not bags:
+        raise BagError(source, "has no trial", "a run with at least one")
+    whole, left_out = _first_whole(bags)
+    if whole is None:
+        if not is_run:
+            raise BagError(source, left_out[source], "the whole bag of a trial")
+        why = "; ".join(f"{bag.name} {problem}" for bag, problem in left_out.items())
+        raise BagError(source, f"has no trial that is whole ({why})", "at least one")
+    arm = exported_arm(whole.bag, whole.metadata)
+    writer = BagWriter(out, {"exported": source.resolve().name}, RecordingConfig(chunk_s=_SYNC_S))
+    run = _RunWriter(writer, arm)
+    try:
+        with writer:
+            run.add(whole)
+            for bag in bags[bags.index(whole.bag) + 1 :]:
+                try:
+                    run.add(_whole_trial(bag))
+                except _LeftOutError as error:
+                    left_out[bag] = str(error)
+    except _LeftOutError as error:
+        writer.discard()
+        raise BagError(whole.bag, str(error), "a trial as tel_ros records it") from error
+    except BaseException:
+        writer.discard()  # half of a file that can be made again is of no use
+        raise
+    return Export(out, out / f"{out.name}.mcap", arm, writer.counts, tuple(run.trials), left_out)
+
+
+class _LeftOutError(Exception):
+    """A bag that does not get into the file; says why."""
+
+
+def _first_whole(bags: list[Path]) -> tuple[RecordedTrial | None, dict[Path, str]]:
+    """Return the first trial that is whole, and what is wrong with the bags before it."""
+    left_out: dict[Path, str] = {}
+    for bag in bags:
+        try:
+            return _whole_trial(bag), left_out
+        except _LeftOutError as error:
+            left_out[bag] = str(error)
+    return None, left_out
+
+
+def _whole_trial(bag: Path) -> RecordedTrial:
+    try:
+        inspected = inspect_bag(bag)
+        if not inspected.wholeness.is_good:
+            raise _LeftOutError(f"is {inspected.wholeness.name.lower()} ({inspected.problem})")
+        return read_trial(bag)
+    except BagError as error:
+        raise _LeftOutError(error.found) from error
+
+
+@dataclass
+class _RunWriter:
+    """Writes one trial after another.
+
+    Args:
+        writer: of the new bag.
+        arm: that all trials have to be of.
+    """
+
+    writer: BagWriter
+    arm: ExportedArm
+    trials: list[ExportedTrial] = field(default_factory=list)
+    _timeline: Timeline = field(default_factory=Timeline)
+    _types: dict[str, str] = field(default_factory=dict)
+
+    def add(self, trial: RecordedTrial) -> None:
+        """Append a trial.
+
+        Raises:
+            _LeftOutError: it is of another arm, or defines a topic differently; nothing was written of it.
+            BagError: the disk does not take it.
+        """
+        if trial.joints != self.arm.config.joints:
+            raise _LeftOutError(
+                f"is of the joints {', '.join(trial.joints)}, not {', '.join(self.arm.config.joints)}"
+            )
+        with open_any_bag(trial.bag) as reader:
+            self._announce(reader)
+            # rosbags tells the end as the nanosecond behind the last message.
+            first_ns, last_ns = reader.start_time, reader.end_time - 1
+            shift_ns = self._timeline.place(first_ns, last_ns)
+            begin_ns, end_ns = first_ns + shift_ns, last_ns + shift_ns
+            if not self.trials:
+                for topic, time_ns, raw in messages_of_arm(self.arm, begin_ns):
+                    self.writer.write(topic, time_ns, raw)
+            added = messages_of_trial(trial, self.arm, begin_ns, end_ns, shift_ns)
+            recorded = _recorded(trial.bag, reader, shift_ns)
+            for topic, time_ns, raw in merge(added, recorded, key=lambda message: message[1]):
+                self.writer.write(topic, time_ns, raw)
+        span_s = (begin_ns / NS_PER_S, end_ns / NS_PER_S, shift_ns / NS_PER_S)
+        self.trials.append(ExportedTrial(trial.bag, trial.index, *span_s))
+
+    def _announce(self, reader: AnyReader) -> None:
+        """Announce the topics of a bag that have not been before; the first bag's come with those added."""
+        types = dict(self._types)
+        for connection in reader.connections:
+            if connection.topic in exported_topics.ADDED:
+                raise _LeftOutError(f"has a topic {connection.topic}, which the export adds")
+            found = type_hash(reader, connection)
+            if types.setdefault(connection.topic, found) != found:
+                raise _LeftOutError(
+                    f"defines {connection.msgtype} on {connection.topic} otherwise than before"
+                )
+        for connection in reader.connections:
+            if connection.topic not in self._types:
+                self._types[connection.topic] = types[connection.topic]
+                self.writer.add_topic(
+                    connection.topic, connection.msgtype, reader.typestore, _qos(connection)
+                )
+        if not self.trials:
+            for topic, kind in exported_topics.ADDED.items():
+                qos = offered_qos(topic, latched=topic not in exported_topics.STREAMED)
+                self.writer.add_topic(topic, kind, typestore(), [qos])
+
+
+def _qos(connection: Connection) -> list[Qos]:
+    extension = connection.ext
+    return list(extension.offered_qos_profiles) if isinstance(extension, ConnectionExtRosbag2) else []
+
+
+def _recorded(bag: Path, reader: AnyReader, shift_ns: int) -> Iterator[Added]:
+    with reading(bag):
+        for connection, time_ns, raw in reader.messages():
+            yield connection.topic, time_ns + shift_ns, bytes(raw)
