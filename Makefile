@@ -43,10 +43,12 @@ setup:  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
 demo: setup  ## the simulated arm practises until it is fast
 	$(VENV)/bin/tel practice config/planar_arm.yaml
 
-# Those that bring up nodes one after the other: they need both of two cores.
+# A file of tests that bring up nodes stays with one worker; those of the contract measure arms in real time,
+# with nothing beside them.
 test: setup  ## all tests
 	$(VENV)/bin/python -m pytest -n 2 --ignore=test/graph --ignore=test/contract
-	$(VENV)/bin/python -m pytest test/graph test/contract
+	$(VENV)/bin/python -m pytest -n 2 --dist loadfile test/graph
+	$(VENV)/bin/python -m pytest test/contract
 
 check: setup  ## linters and types
 	$(VENV)/bin/ruff check .

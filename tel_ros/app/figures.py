@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -77,29 +77,46 @@ def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[P
 
 def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figure:
     """Return [Practice] Fig. 2: desired, actual and equilibrium path of the hand, three in a row."""
-    everything = np.vstack([np.vstack([p.desired_m, p.actual_m, p.equilibrium_m]) for p in panels])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    margin_m = 0.06 * max(float((high - low).max()), 1e-3)
-    low, high = low - margin_m, high + margin_m
-    aspect = float((high - low)[1] / (high - low)[0])
     columns = min(_PATH_COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
-    panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
-    figure = Figure(figsize=(WIDTH_IN, rows * (panel_in * aspect + 0.6) + 0.55), layout="compressed")
-    tick_m = _tick_distance(high - low)
+    frame = _frame(panels)
+    panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / frame.aspect, 3.6)
+    figure = Figure(figsize=(WIDTH_IN, rows * (panel_in * frame.aspect + 0.6) + 0.55), layout="compressed")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.remove()
     for place, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
-        _draw_path(axes, panel)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(MultipleLocator(tick_m))
+        _draw_path(axes, panel, frame)
         if place + columns >= len(panels):
             axes.set_xlabel(labels[0])
             axes.tick_params(labelbottom=True)
         if place % columns == 0:
             axes.set_ylabel(labels[1])
+    legend_below(figure, "compressed", [_path_handles(panels)])
+    return figure
+
+
+def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterator[Figure]:
+    """Yield the figure of the hand's path once for each trial, always in the same frame.
+
+    It is one figure that is drawn into anew: what is wanted of it has to be taken before the next one.
+    """
+    frame = _frame(panels)
+    size_in = min(WIDTH_IN - 0.75, 4.0 / frame.aspect)
+    figure = Figure(figsize=(WIDTH_IN, size_in * frame.aspect + 1.15), layout="compressed")
+    axes = figure.subplots()
+    legend_below(figure, "compressed", [_path_handles(panels)])
+    for place, panel in enumerate(panels):
+        axes.clear()
+        _draw_path(axes, panel, frame)
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+        if place == 0:
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # so that nothing jumps from one to the next
+        yield figure
+
+
+def _path_handles(panels: Sequence[PathPanel]) -> list[Line2D]:
     handles = [
         Line2D([], [], color=INK, linestyle=DOTS, linewidth=1.0, label="desired"),
         Line2D([], [], color=BLUE, linewidth=1.0, label="actual"),
@@ -108,8 +125,7 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
     ]
     if not all(panel.completed for panel in panels):
         handles.append(Line2D([], [], **BROKEN_OFF, label="broken off"))
-    legend_below(figure, "compressed", [handles])
-    return figure
+    return handles
 
 
 def legend_below(
@@ -152,6 +168,27 @@ BROKEN_OFF: dict[str, Any] = {
 """Where a trial ended before its time."""
 
 
+@dataclass(frozen=True)
+class _Frame:
+    """What all panels show of the plane."""
+
+    low_m: FloatArray
+    high_m: FloatArray
+
+    @property
+    def aspect(self) -> float:
+        """Height over width."""
+        width, height = self.high_m - self.low_m
+        return float(height / width)
+
+
+def _frame(panels: Sequence[PathPanel]) -> _Frame:
+    everything = np.vstack([np.vstack([p.desired_m, p.actual_m, p.equilibrium_m]) for p in panels])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin_m = 0.06 * max(float((high - low).max()), 1e-3)
+    return _Frame(low - margin_m, high + margin_m)
+
+
 def _tick_distance(extent_m: FloatArray) -> float:
     """Return one distance between ticks for both axes: squares look like squares."""
     tick_m = float(np.diff(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, extent_m.max()))[0])
@@ -159,7 +196,7 @@ def _tick_distance(extent_m: FloatArray) -> float:
     return tick_m / 2.0 if half_is_better else tick_m
 
 
-def _draw_path(axes: Axes, panel: PathPanel) -> None:
+def _draw_path(axes: Axes, panel: PathPanel, frame: _Frame) -> None:
     axes.plot(*panel.equilibrium_m.T, color=GREY, linewidth=1.4)
     axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
     axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
@@ -167,6 +204,11 @@ def _draw_path(axes: Axes, panel: PathPanel) -> None:
     if not panel.completed:
         axes.plot(*panel.actual_m[-1], **BROKEN_OFF)
     axes.set_title(panel.title, linespacing=1.4)
+    low, high = frame.low_m, frame.high_m
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    tick_m = _tick_distance(high - low)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(tick_m))
 
 
 def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm: Sequence[float]) -> Figure:

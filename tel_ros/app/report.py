@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from tel_ros import __version__
 from tel_ros.app import report_text
-from tel_ros.app.report_data import RunData, read_run
+from tel_ros.app.report_data import RunData, read_drawable, read_run
 from tel_ros.app.report_figure import FigureMaker, ReportFigure
+from tel_ros.app.report_steps import MOST_STEPS, path_steps
 from tel_ros.app.report_theory import RunTheory, run_theory
 from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.kinematics import SerialChain
 from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE, write_atomically
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
 
@@ -43,6 +45,7 @@ def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     try:
         theory = run_theory(run)
         content = _content(run, theory, _figures(run, maker) | {"theory": _theory_figure(run, theory, maker)})
+        content["steps"] = path_steps(read_drawable(run, MOST_STEPS), _chain(run)) if run.drawn else []
         page = page_environment().get_template(_TEMPLATE).render(content, text=report_text)
         write_atomically(file, page + "\n")
     except OSError as error:
@@ -113,8 +116,7 @@ def _figures(run: RunData, maker: FigureMaker) -> dict[str, ReportFigure]:
     if not run.drawn:
         nothing = "Nothing to draw: there is no trial with a movement and a readable bag."
         return made | {name: maker.missing(name, nothing) for name in ("hand_path", "effort", "tracking")}
-    chain = chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
-    panels, plane, labels = figures.path_panels(run.drawn, chain)
+    panels, plane, labels = figures.path_panels(run.drawn, _chain(run))
     return made | {
         "hand_path": maker.make(
             "hand_path", lambda: figures.hand_path_figure(panels, labels), report_text.path_caption(plane)
@@ -131,6 +133,11 @@ def _figures(run: RunData, maker: FigureMaker) -> dict[str, ReportFigure]:
             report_text.tracking_caption(run.drawn),
         ),
     }
+
+
+def _chain(run: RunData) -> SerialChain:
+    arm = run.config.arm
+    return chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
 
 
 def _theory_figure(run: RunData, theory: RunTheory, maker: FigureMaker) -> ReportFigure:

@@ -138,6 +138,7 @@ class RunData:
         message: why it did not complete.
         trials: all of them, in order; at least one.
         drawn: the first, the middle and the last of those that can be drawn; each once.
+        drawable: all that can be drawn, as far as is known without reading them.
         notes: what is missing from the report, and why.
     """
 
@@ -147,6 +148,7 @@ class RunData:
     message: str
     trials: tuple[TrialSummary, ...]
     drawn: tuple[DrawnTrial, ...]
+    drawable: tuple[TrialSummary, ...]
     notes: tuple[str, ...]
 
     @property
@@ -176,7 +178,7 @@ def read_run(folder: Path) -> RunData:
     summary = read_summary(folder)
     trials = _trials(folder / SUMMARY_FILE, summary)
     config = load_config(folder / CONFIG_FILE)
-    drawn, notes = _drawn(folder, trials, config.arm.joints)
+    drawn, drawable, notes = _drawn(folder, trials, config.arm.joints)
     return RunData(
         folder=folder,
         config=config,
@@ -184,6 +186,7 @@ def read_run(folder: Path) -> RunData:
         message=str(summary.get("message") or ""),
         trials=trials,
         drawn=drawn,
+        drawable=drawable,
         notes=(*notes, *_unfinished(folder)),
     )
 
@@ -192,6 +195,27 @@ def spread(items: Sequence[Item]) -> list[Item]:
     """Return the first, the middle and the last, each once."""
     places = sorted({0, len(items) // 2, len(items) - 1}) if items else []
     return [items[place] for place in places]
+
+
+def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
+    """Return the trials that can be drawn, evenly chosen where there are more than so many.
+
+    A bag that turns out not to be readable is left out: whatever is drawn of the run says so.
+    """
+    places = np.unique(
+        np.linspace(0, len(run.drawable) - 1, min(most, len(run.drawable))).round().astype(int)
+    )
+    read = {trial.summary.index: trial for trial in run.drawn}
+    found = []
+    for summary in (run.drawable[place] for place in places):
+        try:
+            found.append(
+                read.get(summary.index)
+                or DrawnTrial(summary, _read(run.folder / str(summary.bag), run.config.arm.joints))
+            )
+        except BagError:
+            continue
+    return found
 
 
 def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialSummary, ...]:
@@ -208,7 +232,7 @@ def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialSummary, ...]:
 
 def _drawn(
     folder: Path, trials: Sequence[TrialSummary], joints: tuple[str, ...]
-) -> tuple[tuple[DrawnTrial, ...], list[str]]:
+) -> tuple[tuple[DrawnTrial, ...], tuple[TrialSummary, ...], list[str]]:
     """Read the bags of the trials to draw, taking others in place of those that cannot be read."""
     problems = {trial.index: _problem(trial) for trial in trials if _problem(trial)}
     read: dict[int, RecordedTrial] = {}
@@ -229,7 +253,9 @@ def _drawn(
                 check_bag(folder / trial.bag)
             except BagError as error:
                 problems[trial.index] = _complaint(folder, error)
-    return drawn, [f"Trial {index} is not drawn: {problem}." for index, problem in sorted(problems.items())]
+    drawable = tuple(trial for trial in trials if trial.index not in problems)
+    notes = [f"Trial {index} is not drawn: {problem}." for index, problem in sorted(problems.items())]
+    return drawn, drawable, notes
 
 
 def _problem(trial: TrialSummary) -> str:

@@ -61,10 +61,10 @@ def test_the_report_has_every_part_in_its_order(good_report: Path) -> None:
     page = Page(good_report)
     sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
     assert sections == [
-        "hand-path", "errors", "torques", "tracking", "trials", "theory", "growth", "configuration",
+        "hand-path", "steps", "errors", "torques", "tracking", "trials", "theory", "growth", "configuration",
         "versions",
     ]  # fmt: skip
-    assert page.count("svg") == 4
+    assert page.count("svg") == 4 + 3
     for part in (
         "Practice run a-run",
         "test_arm (simulated arm) · path planar_loops · trajectory extension",
@@ -77,6 +77,31 @@ def test_the_report_has_every_part_in_its_order(good_report: Path) -> None:
         "numpy " + np.__version__,
     ):
         assert part in page.text, part
+
+
+def test_one_picture_of_each_trial_is_shown_at_a_time_in_one_frame(good_report: Path) -> None:
+    page, text = Page(good_report), good_report.read_text()
+    inputs = [attrs for tag, attrs in page.tags if tag == "input"]
+    labels = [attrs["for"] for tag, attrs in page.tags if tag == "label"]
+    pictures = [attrs["id"] for tag, attrs in page.tags if attrs.get("id", "").startswith("picture-")]
+    assert [each["id"] for each in inputs] == labels == ["trial-1", "trial-2", "trial-3"]
+    assert ["checked" in each for each in inputs] == [True, False, False]
+    assert pictures == ["picture-1", "picture-2", "picture-3"]
+    for trial in (1, 2, 3):
+        assert f"#trial-{trial}:checked ~ .pictures #picture-{trial} {{ display: block; }}" in text
+    assert ".pictures > .drawing { display: none;" in text
+    # In one frame: the axis below stands at the same place in all of them.
+    ticks = [
+        re.findall(r'-xtick_1">.*?<use [^>]*x="([\d.]+)" y="([\d.]+)"', part, flags=re.DOTALL)[0]
+        for part in text.split('id="picture-')[1:]
+    ]
+    assert len(set(ticks)) == 1
+
+
+def test_a_single_trial_has_nothing_to_step_through(make_run: MakeRun) -> None:
+    page = Page(write_report(make_run([Trial(1)])))
+    assert "steps" not in [attrs.get("id") for _, attrs in page.tags]
+    assert page.count("input") == 0
 
 
 def test_the_table_has_the_numbers_of_the_summary(good_report: Path) -> None:

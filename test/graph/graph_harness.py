@@ -39,7 +39,7 @@ PAPER = ROOT / "config" / "paper.yaml"
 PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
 """A machine that stands still for a second does not end a trial: time-outs are tested on their own."""
 QUICK = (
-    *("practice.trials=3", "practice.first_duration_s=6.0", "practice.goal_duration_s=5.0"),
+    *("practice.trials=3", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
     *("control.approach_speed_rad_s=1.5", *PATIENT),
 )
 """A practice run of a few seconds."""

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable
 
 import pytest
-from graph_harness import Graph
+from graph_harness import PATIENT, Graph
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import GetState
 from std_msgs.msg import Float64MultiArray
@@ -63,12 +63,12 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
 
 
 def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None:
-    running = graph(["sim_bridge", "ep_controller"])
+    running = graph(["sim_bridge", "ep_controller"], *PATIENT)
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(12.0))
-    running.spin_until(lambda: any(s.time_from_start_s > 3.0 for s in states[-50:]), 90.0, "3 s of RUN")
+    handle = running.send(running.goal(6.0))
+    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     result = running.result(handle, 120.0)
     assert result.outcome == TrialResult.CANCELLED

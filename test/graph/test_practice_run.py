@@ -52,7 +52,7 @@ def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel
     summary = summary_of(out)
     rows = summary["trials"]
     assert summary["outcome"] == "completed"
-    assert [row["duration_s"] for row in rows] == [6.0, 5.5, 5.0]
+    assert [row["duration_s"] for row in rows] == [4.0, 3.5, 3.0]
     # One trial teaches enough to more than halve the error, although the next trial is faster.
     assert rows[1]["rms_error_rad"] < 0.5 * rows[0]["rms_error_rad"]
     for row in rows:
