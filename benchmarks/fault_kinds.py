@@ -244,7 +244,7 @@ KINDS: dict[str, Kind] = {
             *("state_duplicate", "states", "a second publisher says the arm rests at zero, for 1 s"),
             "The trial is aborted: positions that jump or stamps that do not grow. Counted from the second's "
             "first message.",
-            *(_one_second, _always("stop"), STATES_LOST + "|publisher"),
+            *(_one_second, _always("stop"), STATES_LOST + "|publish"),
         ),
         Kind(
             *("command_nan", "commands", "NaN as an effort"),
@@ -294,7 +294,7 @@ KINDS: dict[str, Kind] = {
             ),
             "Two that command one arm is never right: the trial is aborted. Counted from the second's first "
             "message; the graph has to tell the controller that it is there.",
-            *(_foreign, _always("stop"), ANY_REASON + "|publisher"),
+            *(_foreign, _always("stop"), ANY_REASON + "|publish"),
         ),
         Kind(
             *("pause_ep_controller", "process", "SIGSTOP for 0.2 to 1.5 s"),
