@@ -43,11 +43,10 @@ setup:  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
 demo: setup  ## the simulated arm practises until it is fast
 	$(VENV)/bin/tel practice config/planar_arm.yaml
 
-# A file of tests that bring up nodes stays with one worker; those of the contract measure arms in real time,
-# with nothing beside them.
+# The contract's tests measure arms in real time, with nothing beside them.
 test: setup  ## all tests
-	$(VENV)/bin/python -m pytest -n 2 --ignore=test/graph --ignore=test/contract
-	$(VENV)/bin/python -m pytest -n 2 --dist loadfile test/graph
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --ignore=test/graph --ignore=test/contract
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal test/graph
 	$(VENV)/bin/python -m pytest test/contract
 
 check: setup  ## linters and types

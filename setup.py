@@ -109,7 +109,7 @@ setup(
             "mcap-ros2-support",
             "pytest",
             "pytest-timeout",
-            "pytest-xdist",
+            "pytest-xdist>=3.2",
             "rosbag-doctor",
         ],
         "dev": ["build", "mypy", "packaging", "ruff", "types-psutil", "types-PyYAML", "wheel"],
