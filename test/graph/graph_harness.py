@@ -20,9 +20,10 @@ from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial
-from tel_interfaces.msg import TrialGoal
+from tel_interfaces.msg import ControlState, TrialGoal
 
 from tel_ros.app.bring_up import NodeProcesses
 from tel_ros.core.config import Config
@@ -38,6 +39,8 @@ ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "config" / "paper.yaml"
 PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
 """A machine that stands still for a second does not end a trial: time-outs are tested on their own."""
+MOVING_RAD_S = 0.5
+"""A joint at this speed is in mid-motion."""
 QUICK = (
     *("practice.trials=3", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
     *("control.approach_speed_rad_s=1.5", *PATIENT),
@@ -161,7 +164,7 @@ class Graph:
         """Spin the client until a condition holds; fail the test when it does not come."""
         end = time.monotonic() + timeout_s
         while not condition():
-            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
+            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s\n{self._logs()}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def listen(self, kind: type, topic: str, depth: int = 1000) -> list[Any]:
@@ -212,6 +215,35 @@ class Graph:
         self.spin_until(sent.done, 10.0, "the answer to the goal")
         return sent.result()
 
+    def start_moving(self, duration_s: float = 12.0) -> Any:
+        """Send a trial, and return its goal handle as soon as the arm is in mid-motion.
+
+        Simulated time runs on while this process waits for a core: so the trial is long, and only the
+        newest state is looked at, never a queue of older ones.
+        """
+        newest: list[ControlState] = []
+        listener = self.node.create_subscription(
+            ControlState, topics.CONTROL_STATES, lambda message: newest.__setitem__(slice(None), [message]), 1
+        )
+        handle = self.send(self.goal(duration_s))
+        end = handle.get_result_async()
+
+        def moves() -> bool:
+            assert not end.done(), f"the trial has ended without that: {end.result().result.result}"
+            if not newest or newest[0].phase != ControlState.RUN:
+                return False
+            return max(abs(speed) for speed in newest[0].velocity_rad_s) > MOVING_RAD_S
+
+        self.spin_until(moves, 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
+        self.node.destroy_subscription(listener)
+        return handle
+
+    def where_time_stands_still(self) -> JointState:
+        """Return the state that the simulated arm was left in: in lockstep it waits there for an answer."""
+        arm = self.listen(JointState, topics.JOINT_STATES, depth=1)
+        self.spin_until(lambda: bool(arm), 10.0, "a joint state")
+        return arm[-1]
+
     def result(self, handle: Any, timeout_s: float = 40.0) -> Any:
         """Wait for the end of a trial and return its result."""
         future = handle.get_result_async()
@@ -225,6 +257,9 @@ class Graph:
     def log(self, name: str) -> str:
         """Return what a node has said."""
         return (self.folder / "log" / f"{name}.log").read_text()
+
+    def _logs(self) -> str:
+        return "\n".join(f"--- {name}\n{self.log(name)}" for name in self.processes.pids)
 
 
 def summary_of(out: str) -> dict[str, Any]:

@@ -100,8 +100,7 @@ def test_one_trial_at_a_time_and_cancelling_brings_the_arm_to_rest(graph: StartG
     running = graph(ARM_AND_CONTROLLER)
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
     running.wait_for_controller()
-    first = running.send(running.goal(6.0))
-    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 30.0, "1.5 s of RUN")
+    first = running.start_moving()
     second = running.result(running.send(running.goal()))
     assert second.outcome == TrialResult.REFUSED
     assert "one trial at a time" in second.message

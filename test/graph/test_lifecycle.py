@@ -10,7 +10,7 @@ from graph_harness import PATIENT, Graph
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import GetState
 from std_msgs.msg import Float64MultiArray
-from tel_interfaces.msg import ControlState, TrialResult
+from tel_interfaces.msg import TrialResult
 
 from tel_ros.recording import topics
 
@@ -42,9 +42,7 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
     running.wait_for_controller()
     assert commands == []  # active, and nobody has asked for a trial
 
-    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(4.5))
-    running.spin_until(lambda: any(s.phase == ControlState.RUN for s in states[-50:]), 90.0, "RUN")
+    handle = running.start_moving()
     assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
     assert state(running) == State.PRIMARY_STATE_ACTIVE
     assert "deactivate is refused: a trial is under way" in running.log("ep_controller")
@@ -66,13 +64,11 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     running = graph(["sim_bridge", "ep_controller"], *PATIENT)
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
-    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    handle = running.send(running.goal(6.0))
-    running.spin_until(lambda: any(s.time_from_start_s > 1.5 for s in states[-50:]), 90.0, "1.5 s of RUN")
+    handle = running.start_moving()
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     result = running.result(handle, 120.0)
     assert result.outcome == TrialResult.CANCELLED
     running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
-    assert max(abs(v) for v in states[-1].velocity_rad_s) < 0.1
+    assert max(abs(v) for v in running.where_time_stands_still().velocity) < 0.1
     assert state(running) == State.PRIMARY_STATE_FINALIZED
     running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever
