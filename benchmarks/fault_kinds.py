@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from fault_setups import RATE_HZ, TRIAL_S, WATCHDOG_S
+from fault_setups import COMMAND_AGE_LIMIT_S, RATE_HZ, TRIAL_S, WATCHDOG_S
 
 from tel_ros.app.bring_up import MODULES
 
@@ -200,7 +200,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             *("state_reordered", "states", "neighbouring messages change places, for 0.1 s"),
-            "Stamps that go back abort the trial; ignoring the older state would be right, too.",
+            "What a newer state has overtaken is passed over.",
             *(lambda rng: {"duration_s": 0.1}, _always("either"), STATES_LOST),
         ),
         Kind(
@@ -273,7 +273,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             *("command_delayed", "commands", "all are 10 to 60 ms late, for 1 s"),
-            "As late states.",
+            f"The driver refuses answers to states of more than {1e3 * COMMAND_AGE_LIMIT_S:.0f} ms ago: as "
+            "silence.",
             *(_delay, _always("either"), ANY_REASON),
         ),
         Kind(

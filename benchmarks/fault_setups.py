@@ -20,6 +20,8 @@ SWING_RAD = 0.5
 RUN_S = 1.4
 WATCHDOG_S = 0.02
 """Of the simulated driver."""
+COMMAND_AGE_LIMIT_S = 0.01
+"""Of the simulated driver: the longest way there and back that the arm contract allows at this rate."""
 SHORT_TRIALS = (
     *("practice.strategy=trajectory_extension", "practice.on_abort=continue"),
     *(f"practice.first_duration_s={RUN_S}", f"practice.goal_duration_s={RUN_S}"),
@@ -27,8 +29,10 @@ SHORT_TRIALS = (
     # Every trial is of one speed and the faults are the point: the plainest learner does.
     *("learning.weights=lms", "learning.max_subtrees=0", "learning.passes=1", "learning.filter=fixed"),
     "sim.lockstep_timeout_s=1.0",
-    # As the arm contract recommends: commands that stutter drive an arm wild within the longest time-out.
+    # As the arm contract recommends: commands that stutter or come late drive an arm wild within the longest
+    # time-out, and only the driver can tell.
     f"sim.watchdog_s={WATCHDOG_S}",
+    f"sim.command_age_limit_s={COMMAND_AGE_LIMIT_S}",
 )
 """Short trials; an aborted one is followed by the next."""
 TRIAL_S = 0.5 + 0.2 + RUN_S + 0.2

@@ -77,6 +77,7 @@ class SimBridgeNode(Node):
         self._command: array[float] | None = None
         self._silent_periods = 0
         self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
+        self._oldest_ns = round(config.sim.command_age_limit_s * NS_PER_S)
         self._stepped_at = time.monotonic()
         self._commanded_at = 0.0
         self._coasting = False
@@ -159,6 +160,15 @@ class SimBridgeNode(Node):
     # In real time.
 
     def _on_command(self, message: Float64MultiArray) -> None:
+        answered_ns = answered_stamp_ns(message)
+        age_ns = 0 if answered_ns is None else self._stamp_ns - answered_ns
+        if 0 < self._oldest_ns < age_ns:
+            self.get_logger().error(
+                f"the command answers a state of {age_ns / NS_PER_S:.3f} s ago "
+                f"(limit {self._sim.command_age_limit_s:g} s); it is ignored",
+                throttle_duration_sec=COMPLAINT_PERIOD_S,
+            )
+            return
         if self._silent_periods >= self._watchdog_periods:
             self.get_logger().info("commands arrive")
         self._command, self._silent_periods = message.data, 0

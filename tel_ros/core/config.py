@@ -470,6 +470,9 @@ class SimConfig:
     watchdog_s: float = 0.1
     """Silence on the command topic after which the effort goes to zero (arm time). Position drives hold their
     last set point instead."""
+    command_age_limit_s: float = 0.0
+    """Commands that answer a state this much older than the newest are not applied (real time); 0: all are.
+    Late commands are what a driver alone can tell: docs/arm-contract.md."""
     lockstep_timeout_s: float = 2.0
     """How long (wall clock) lockstep waits for the command to a moving arm before it counts as silence."""
     gui: bool = False
@@ -487,7 +490,9 @@ class SimConfig:
             "0 (exact), or 8 to 32",
         )
         _require_at_least_zero(
-            self, "position_noise_rad", "velocity_filter_hz", "command_delay_s", "payload_kg"
+            self,
+            *("position_noise_rad", "velocity_filter_hz", "command_delay_s", "command_age_limit_s"),
+            "payload_kg",
         )
         for key in ("viscous_friction_nms_per_rad", "coulomb_friction_nm"):
             values = getattr(self, key)

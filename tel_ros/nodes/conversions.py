@@ -18,6 +18,7 @@ from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.safety.state_order import StateOrder
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.recording.trial_timing import timing_fields
@@ -55,6 +56,7 @@ class JointStateReader:
                 len(self._joints), cutoff_hz=control.velocity_filter_hz, max_gap_s=control.state_timeout_s
             )
         )
+        self._order = StateOrder(control.state_timeout_s)
         self._names: list[str] | None = None
         self._columns: list[int] | slice = slice(None)
 
@@ -67,7 +69,8 @@ class JointStateReader:
         """Return the state of the arm's joints.
 
         Raises:
-            StateError: a joint is missing, a field has the wrong length, or a value is not finite.
+            StateError: a joint is missing, a field has the wrong length, a value is not finite, or a newer
+                state has come before.
         """
         names = message.name
         if names != self._names:
@@ -85,6 +88,9 @@ class JointStateReader:
             )
         stamp_ns = time_ns(message.header.stamp)
         position_rad = np.array(message.position)[self._columns]
+        overtaken_by_s = self._order.overtaken_by_s(stamp_ns)
+        if overtaken_by_s:
+            raise StateError(f"the joint state is {overtaken_by_s:.3f} s older than one that came before it")
         velocity = np.array(message.velocity) if message.velocity else np.full(len(names), np.nan)
         velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity[self._columns])
         return ArmState(time_ns=stamp_ns, position_rad=position_rad, velocity_rad_s=velocity_rad_s)

@@ -98,6 +98,28 @@ def test_a_command_that_cannot_be_used_moves_nothing(graph: StartGraph) -> None:
     running.spin_until(lambda: "expected 2 finite numbers" in running.log("sim_bridge"), 5.0, "a complaint")
 
 
+def test_in_real_time_a_command_that_answers_too_old_a_state_is_not_applied(graph: StartGraph) -> None:
+    running, states, pub = connected(graph, "sim.clock=realtime", "sim.command_age_limit_s=0.2")
+
+    def newest_ns() -> int:
+        return time_ns(states[-1].header.stamp)
+
+    for _ in range(20):
+        seen = len(states)
+        pub.publish(command([1.0, 0.5], answers_ns=newest_ns() - 201_000_000))
+        running.spin_until(lambda seen=seen: len(states) > seen, 10.0, "states")
+    running.spin_until(
+        lambda: "(limit 0.2 s); it is ignored" in running.log("sim_bridge"), 5.0, "a complaint"
+    )
+    assert {tuple(s.effort) for s in states} == {(0.0, 0.0)}
+
+    def push() -> bool:
+        pub.publish(command([1.0, 0.5], answers_ns=newest_ns()))
+        return states[-1].effort[0] > 0.0
+
+    running.spin_until(push, 10.0, "the effort of a command in time")
+
+
 def test_in_real_time_the_arms_time_is_that_on_the_wall_after_a_stall_as_well(graph: StartGraph) -> None:
     running, states, _ = connected(graph, "sim.clock=realtime")
     running.signal("sim_bridge", signal.SIGSTOP)
