@@ -174,6 +174,40 @@ def test_springs_that_catch_a_falling_arm_may_give_back_some_of_its_energy() -> 
     assert not any("drove the arm until" in text for text in judged(falling, falls=True).violations)
 
 
+WEIGHTY = replace(BODY, torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2 + 3.0)
+"""The same joint with a weight of 3 N·m: it may give back half of 2 g² / K = 1.2 J after a fall."""
+
+
+@pytest.mark.parametrize(("work_j", "is_driven"), [(0.5, False), (0.8, True)])
+def test_springs_that_catch_what_fell_may_lift_its_weight_once_more(work_j: float, is_driven: bool) -> None:
+    position, effort = np.zeros(N), np.zeros(N)
+    effort[200:210] = 1e-9  # caught 0.6 s after the fault
+    effort[210] = 10.0
+    position[210:] = work_j / effort[210]
+    stamps = np.round(np.arange(N) * PERIOD_S * 1e9).astype(np.int64)
+    lifted = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+
+    def drove(trace: Trace) -> bool:
+        found = judged(trace, falls=True, body=WEIGHTY).violations
+        return any("drove the arm until" in text for text in found)
+
+    assert drove(lifted) == is_driven
+    effort[:200] = 1e-9  # held all the time: it never fell
+    assert drove(replace(lifted, effort_nm=effort[:, None]))
+
+
+@pytest.mark.parametrize(("peak_rad_s", "is_violation"), [(6.5, False), (7.0, True)])
+def test_a_falling_arm_may_be_as_fast_as_it_was_when_it_was_caught(
+    peak_rad_s: float, is_violation: bool
+) -> None:
+    trace = moved(np.zeros(N), 0.0)
+    trace.velocity_rad_s[200:300] = 6.0  # the limit is 5
+    trace.effort_nm[240:300] = -1e-6
+    trace.velocity_rad_s[250] = peak_rad_s
+    found = judged(trace, falls=True).violations
+    assert any("speed of" in text for text in found) == is_violation
+
+
 def test_nothing_is_asked_before_the_fault_and_after_the_next_trial_has_begun() -> None:
     effort = np.zeros(N)
     effort[:40], effort[400:] = 4.0, 8.0

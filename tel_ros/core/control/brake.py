@@ -37,6 +37,10 @@ class SpringBrake:
         self._load_rad = np.zeros_like(position_rad) if load_rad is None else load_rad.copy()
         self._searches = load_rad is None
         self._one_way = load_rad is not None and not load_rad.any()
+        self.latch(position_rad)
+
+    def latch(self, position_rad: FloatArray) -> None:
+        """Begin anew from a position, with what is known of the load. Shape (n_joints,)."""
         self._equilibrium_rad = position_rad + self._load_rad
         self._direction = np.zeros_like(position_rad)
 

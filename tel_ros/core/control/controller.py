@@ -26,6 +26,8 @@ SHORTEST_APPROACH_S = 0.5
 LEAST_SHARE = 0.5
 """A brake of whose effort less than this may act is latched anew with every state: a spring that gives way
 meanwhile would fling the arm back once states are punctual again."""
+FORGOTTEN_AFTER_S = 0.05
+"""An arm that has had less than that for so long is no longer where its load is known."""
 
 
 @dataclass(slots=True)
@@ -91,6 +93,7 @@ class EpController:
         self._way_back = self.limits
         self._point = 0
         self._brake: SpringBrake | None = None
+        self._late_since_ns: int | None = None
         self._load = HoldingLoad()
         self._letting_go = False
         self.stopped_for: str | None = None
@@ -370,9 +373,16 @@ class EpController:
         return _Target(u, zero, zero, u)
 
     def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
-        if self.safety.share_for(state) < LEAST_SHARE:
-            self._load.lose(self._springs.stiffness_nm_per_rad)
-            self._brake = None
+        if self.safety.share_for(state) >= LEAST_SHARE:
+            self._late_since_ns = None
+        else:
+            if self._late_since_ns is None:
+                self._late_since_ns = state.time_ns
+            if state.time_ns - self._late_since_ns > FORGOTTEN_AFTER_S * NS_PER_S:
+                self._load.lose(self._springs.stiffness_nm_per_rad)
+                self._brake = None
+            elif self._brake is not None:
+                self._brake.latch(state.position_rad)
         if self._brake is None:
             load_rad = self._load.deflection_rad(self._springs.stiffness_nm_per_rad)
             self._brake = SpringBrake(state.position_rad, load_rad)
@@ -418,6 +428,7 @@ class EpController:
 
     def _begin_stop(self, time_ns: int) -> None:
         self._brake = None
+        self._late_since_ns = None
         self._equilibrium = None
         self._letting_go = False
         self._enter(Phase.STOP, time_ns)

@@ -15,6 +15,7 @@ from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
 from tel_ros.core.safety.free_zone import FreeZone
 from tel_ros.core.safety.late_states import AGE_COUNTS, punctual_s, share_of_effort
+from tel_ros.core.safety.led_back import LedBack
 from tel_ros.core.safety.motion_limits import MotionLimits
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
@@ -54,6 +55,7 @@ class SafetyLayer:
         self.rate = EffortRate.of(arm, safety)
         self.braking = BrakingDistance.of(arm, safety)
         self.motion = MotionLimits.of(arm, safety)
+        self._led_back = LedBack.of(arm, self.motion)
         self.limit = effort_limit(arm)
         self._period_s = 1.0 / rate_hz
         self._free = FreeZone.of(self.rate, self.braking, self.motion, self.limit, self._period_s)
@@ -79,7 +81,8 @@ class SafetyLayer:
     def permit(self, state: ArmState, wanted_nm: FloatArray) -> Permitted:
         """Return the effort that may be commanded in answer to a state.
 
-        After a gap, or stamps that went back, nobody knows what has acted on the arm: efforts grow from zero.
+        After a gap, or stamps that went back, nobody knows what has acted on the arm: efforts grow from zero,
+        and a joint that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.led_back.LedBack`).
 
         Args:
             state: as measured.
@@ -99,9 +102,12 @@ class SafetyLayer:
             raise
         if self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S:
             self.none()
+        if self._last_ns is None:
+            self._led_back.find(state.time_ns, state.position_rad)
+        position_rad = self._led_back.seen_from_limits(state.time_ns, state.position_rad)
         effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
-        effort_nm = self.braking.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
-        effort_nm = self.motion.permitted(state.position_rad, state.velocity_rad_s).nearest(effort_nm)
+        effort_nm = self.braking.permitted(position_rad, state.velocity_rad_s).nearest(effort_nm)
+        effort_nm = self.motion.permitted(position_rad, state.velocity_rad_s).nearest(effort_nm)
         effort_nm = self.limit.nearest(effort_nm)
         effort_nm = self.share_for(state) * effort_nm
         self._last_ns, self.last_nm = state.time_ns, effort_nm

@@ -363,6 +363,33 @@ def test_when_states_return_the_arm_is_braked_from_where_it_is_by_then() -> None
     assert bench.arm.kinetic_energy() < 1e-4
 
 
+@pytest.mark.parametrize(("late_ms", "is_held"), [(2, True), (40, True), (60, False)])
+def test_the_brake_forgets_the_load_only_when_states_are_late_for_long(late_ms: int, is_held: bool) -> None:
+    """The arm is not simulated: whatever is commanded, it rests 0.1 rad below its equilibrium point."""
+    controller = make_bench().controller
+    below = np.array([0.5, 1.3])
+    now_ms = 0
+
+    def answer(age_s: float = 0.0) -> np.ndarray:
+        nonlocal now_ms
+        now_ms += 2
+        tick = controller.tick(ArmState(now_ms * 1_000_000, below, np.zeros(2), age_s))
+        assert tick is not None
+        return tick.effort_nm
+
+    controller.start(reach())
+    while controller.phase != Phase.RUN:
+        answer()
+    controller.cancel()
+    held_nm = answer()
+    assert held_nm[0] > 1.3  # 1.5 N·m, smoothed over a while
+    for _ in range(late_ms // 2):
+        assert 0.0 <= answer(age_s=0.04)[0] < 0.2 * held_nm[0]
+    for _ in range(20):
+        effort_nm = answer()
+    assert effort_nm[0] == pytest.approx(held_nm[0] if is_held else 0.0, abs=0.01)
+
+
 def test_after_lost_states_the_next_trial_starts_from_rest_and_is_refused_before() -> None:
     bench = in_run(0.5)
     bench.controller.lose_states(LOST)

@@ -85,10 +85,38 @@ def test_letting_go_fades_as_slowly_as_efforts_may_grow_and_ends_at_zero() -> No
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_beyond_a_soft_limit_the_arm_is_pushed_back_whatever_is_wanted(side: float) -> None:
-    effort, changed = layer().permit(state(1, side * np.array([2.85, 0.0])), side * np.array([20.0, 1.0]))
+    safe = layer()
+    safe.permit(state(0), np.zeros(2))  # it came there under command
+    effort, changed = safe.permit(state(1, side * np.array([2.85, 0.0])), side * np.array([20.0, 1.0]))
     # 0.05 rad beyond: twice four times K.
     assert effort[0] == pytest.approx(-side * 2.0 * 60.0 * 0.05)
     assert changed.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_that_is_found_beyond_a_soft_limit_is_led_back_and_not_flung(side: float) -> None:
+    safe = layer()
+    inertia_kg_m2, position, velocity, fastest = 0.5, side * 2.85, 0.0, 0.0  # 0.05 rad beyond
+    for k in range(1000):
+        seen = state(k, (position, 0.0), (velocity, 0.0))
+        effort = safe.permit(seen, side * np.array([20.0, 0.0])).effort_nm[0]  # outward, all the time
+        if k == 0:
+            assert effort == pytest.approx(0.0)  # neither further out nor thrown back
+        velocity += 0.002 * effort / inertia_kg_m2
+        position += 0.002 * velocity
+        fastest = max(fastest, abs(velocity))
+    assert side * position == pytest.approx(2.8, abs=2e-3)
+    assert fastest < 1.1 * 0.05 * 15.0  # a share of the velocity limit; the stiff wall makes 1.1 rad/s of it
+
+
+def test_a_joint_that_is_led_back_and_goes_out_again_is_pushed_back_at_once() -> None:
+    safe = layer()
+    for k in range(100):
+        safe.permit(
+            state(k, (2.85, 0.0)), np.zeros(2)
+        )  # 0.2 s at 0.75 rad/s: the limit is in its place again
+    effort = safe.permit(state(100, (2.85, 0.0)), np.array([20.0, 0.0])).effort_nm[0]
+    assert effort == pytest.approx(-2.0 * 60.0 * 0.05)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
