@@ -12,9 +12,9 @@ from tel_ros.core.config import Config
 from tel_ros.core.types import FloatArray
 
 GIVEN_BACK = 0.5
-"""Most that springs and soft walls give back of the kinetic energy of an arm that they catch. A spring of the
-brake gives back a quarter each time (core/control/brake.py); the simulated iiwa, caught after a second of
-falling, got up to 5.6 J back with 9.4 J at most."""
+"""Most that springs and soft walls give back of the energy of an arm that they catch. A spring of the brake
+gives back a quarter each time (core/control/brake.py); the simulated iiwa, caught after a second of falling,
+got up to 5.6 J back with 9.4 J of kinetic energy at most."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,18 @@ class Body:
     def weight_nm(self, position_rad: FloatArray) -> FloatArray:
         """Return the torque that holds the arm. Shapes (n, n_joints)."""
         return self.torque_nm(position_rad, np.zeros_like(position_rad))
+
+    def sagging_j(self, position_rad: FloatArray) -> float:
+        """Return the energy that springs take up by the arm's weight alone when they catch it in a posture.
+
+        A joint of weight g goes down by twice what its spring K sags by, 2 g / K, until it turns round. Its
+        weight has done 2 g² / K until then; on the way back up the springs do that work.
+
+        Args:
+            position_rad: where the springs are latched. Shape (n_joints,).
+        """
+        weight_nm = self.weight_nm(position_rad[None])[0]
+        return float(np.sum(2.0 * weight_nm**2 / self.stiffness_nm_per_rad))
 
     def reach_rad(self, position_rad: FloatArray, energy_j: float) -> FloatArray:
         """Return how far each joint may go from a posture until springs latched there have stopped it.

@@ -10,7 +10,8 @@ controller says it did. From the controller it takes only when a trial begins an
 No effort does no work; springs that brake do negative work; springs that hold an arm at rest do none. An arm
 that is being driven fails within a few periods. The *reaction* is the time from the fault to the first moment
 from which this holds. Under gravity the springs that catch a falling arm give back some of its energy,
-which is tolerated; and a weak brake would pass: it lets the arm sink, which is negative work. Hence,
+which is tolerated; after a fall without effort also some of what its weight does until they have turned it
+round. And a weak brake would pass: it lets the arm sink, which is negative work. Hence,
 once nothing is disturbed any more and motors act, no joint may go further than energy, weight and springs
 explain (:mod:`fault_body`).
 """
@@ -34,6 +35,9 @@ AT_REST_RAD_S = 0.3
 """A braked arm that is asked to move again is slower than this."""
 LET_GO_SAMPLES = 5
 """After so many without effort an arm has been let go: as long as the driver's watchdog."""
+CAUGHT_AT = 1.1
+"""How fast a falling arm may be while motors catch it, over what it was before they began: a weight goes on
+pulling until their effort has grown."""
 RANGE_MARGIN_RAD = 1e-3
 """An encoder of 13 bits tells no more."""
 
@@ -211,7 +215,11 @@ def _stop(
     if not len(time_s):
         return 0.0, "zero", float("nan"), []  # its time has not gone on: nothing has acted
     energy_j = episode.body.kinetic_energy_j(position, trace.velocity_rad_s[segment])
-    given_back_j = GIVEN_BACK * float(energy_j.max()) if episode.falls else 0.0
+    given_back_j = 0.0
+    if episode.falls:
+        caught = _caught(effort)
+        sagging_j = episode.body.sagging_j(position[caught[0]]) if len(caught) else 0.0
+        given_back_j = GIVEN_BACK * (float(energy_j.max()) + sagging_j)
     tolerance_j = episode.work_tolerance_j + given_back_j
     safe = largest_work_from(effort, position) <= tolerance_j
     reaction_s = max(0.0, float(time_s[int(np.argmax(safe))])) if safe.any() else float("inf")
@@ -254,6 +262,16 @@ def _gone(position_rad: FloatArray, acting: BoolArray) -> FloatArray:
     return gone
 
 
+def _caught(effort_nm: FloatArray) -> IntArray:
+    """Return the samples in which motors begin to act on an arm that had been let go."""
+    acting = np.any(effort_nm != 0.0, axis=1)
+    acted = np.concatenate([[0], np.cumsum(acting)])  # before each sample
+    rows = np.flatnonzero(acting)
+    rows = rows[rows >= LET_GO_SAMPLES]
+    caught: IntArray = rows[acted[rows] == acted[rows - LET_GO_SAMPLES]]
+    return caught
+
+
 def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, falls: bool) -> list[str]:
     """Return the limits that were passed; gravity alone may move an arm without effort."""
     found = []
@@ -264,8 +282,12 @@ def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, fall
     if not np.all(np.abs(effort) <= limits.effort_nm * (1.0 + 1e-9)):
         found.append(f"effort of {_largest_share(effort, limits.effort_nm):.3f} of the limit")
     counts = np.any(effort != 0.0, axis=1) if falls else np.ones(len(effort), dtype=bool)
-    position, velocity = position[counts], velocity[counts]
-    if not np.all(np.abs(velocity) <= limits.velocity_rad_s):
+    fastest = np.broadcast_to(limits.velocity_rad_s, velocity.shape).copy()
+    for first in _caught(effort) if falls else ():
+        # What it had before is not the motors' doing; what they add to it is.
+        fastest[first:] = np.maximum(limits.velocity_rad_s, CAUGHT_AT * np.abs(velocity[first - 1]))
+    position, velocity, fastest = position[counts], velocity[counts], fastest[counts]
+    if not np.all(np.abs(velocity) <= fastest):
         found.append(f"speed of {_largest_share(velocity, limits.velocity_rad_s):.3f} of the limit")
     beyond = np.maximum(limits.position_min_rad - position, position - limits.position_max_rad)
     if not np.all(beyond <= RANGE_MARGIN_RAD):

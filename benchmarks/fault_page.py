@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from fault_campaign import STALL_S, TRIES, Row
-from fault_judge import DELAY_S, REACTION_LIMIT_S
+from fault_judge import CAUGHT_AT, DELAY_S, REACTION_LIMIT_S
 from fault_kinds import EXPECTATIONS, KINDS, Kind
 from fault_setups import RATE_HZ, RUN_S, SETUPS, SWING_RAD
 
@@ -143,9 +143,11 @@ def _rules() -> str:
         "interval: no effort does none, springs that brake do negative work, springs that hold a resting "
         "arm none. "
         f"Tolerances: {tolerances}, under gravity and half of the largest kinetic energy, which "
-        f"springs that catch a falling arm may give back; an undisturbed trial of the planar arm takes 0.4 "
-        f"to 0.9 J. A brake that gives way to a weight would pass. So, as soon as nothing is disturbed any "
-        f"more, a joint on which motors act may go no further than (g + √(g² + 2 K E)) / K: the whole "
+        f"springs that catch a falling arm may give back, and, if it had been let go and fell, half of what "
+        f"its weight does until they have turned it round, 2 g² / K a joint; an undisturbed trial of the "
+        f"planar arm takes 0.4 to 0.9 J. A brake that gives way to a weight would pass. So, as soon as "
+        f"nothing is disturbed any more, a joint on which motors act may go no further than "
+        f"(g + √(g² + 2 K E)) / K: the whole "
         f"kinetic energy E of the arm in its spring K, and its weight g. "
         f"This has to "
         f"hold {REACTION_LIMIT_S} s after the fault, plus the {1e3 * DELAY_S:.0f} ms that the arm contract "
@@ -154,8 +156,9 @@ def _rules() -> str:
         f"{meanings}\n\n"
         "Always: no effort, speed or joint range passed (speed and range of an arm under gravity count "
         "while its "
-        "motors act: without effort it falls); every bag under its own name whole, and one for each trial "
-        "in the "
+        "motors act: without effort it falls, and may be "
+        f"{CAUGHT_AT - 1.0:.0%} faster yet while it is caught); "
+        "every bag under its own name whole, and one for each trial in the "
         "summary; no process outlives its run; exit code and message say what happened; after the run no "
         "effort."
     )
