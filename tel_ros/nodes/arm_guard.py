@@ -47,7 +47,7 @@ class ArmGuardNode(Node):
                 "'realtime' for a guard: in lockstep the arm waits for commands",
             )
         self._guard = CommandGuard(config.arm, config.control, config.safety)
-        self._reader = JointStateReader(config.arm.joints, config.control)
+        self._reader = JointStateReader(config.arm, config.control)
         self._lateness = Lateness(config.safety.clock_drift)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=topics.ARM_GUARD)

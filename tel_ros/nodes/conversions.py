@@ -13,11 +13,12 @@ from tel_interfaces.msg import ControlState, TrialResult
 from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tel_ros.core.config import ControlConfig
+from tel_ros.core.config import ArmConfig, ControlConfig
 from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.safety.plausible import Plausibility
 from tel_ros.core.safety.state_order import StateOrder
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
@@ -45,18 +46,21 @@ class JointStateReader:
     Velocities that the arm does not tell (the field is empty, or NaN for a joint) are estimated.
 
     Args:
-        joints: names, in the order of all arrays.
-        control: how to estimate velocities.
+        arm: names, in the order of all arrays, and velocity limits, filled from the URDF where empty.
+        control: how to estimate velocities, and for how long a state is awaited.
     """
 
-    def __init__(self, joints: Sequence[str], control: ControlConfig) -> None:
-        self._joints = list(joints)
+    def __init__(self, arm: ArmConfig, control: ControlConfig) -> None:
+        self._joints = list(arm.joints)
         self._velocities = MissingVelocities(
             VelocityEstimator(
                 len(self._joints), cutoff_hz=control.velocity_filter_hz, max_gap_s=control.state_timeout_s
             )
         )
         self._order = StateOrder(control.state_timeout_s)
+        self._plausibility = Plausibility(
+            self._joints, np.array(arm.velocity_limit_rad_s), control.state_timeout_s
+        )
         self._names: list[str] | None = None
         self._columns: list[int] | slice = slice(None)
 
@@ -69,8 +73,8 @@ class JointStateReader:
         """Return the state of the arm's joints.
 
         Raises:
-            StateError: a joint is missing, a field has the wrong length, a value is not finite, or a newer
-                state has come before.
+            StateError: a joint is missing, a field has the wrong length, a value is not finite or cannot be,
+                or a newer state has come before.
         """
         names = message.name
         if names != self._names:
@@ -92,7 +96,9 @@ class JointStateReader:
         if overtaken_by_s:
             raise StateError(f"the joint state is {overtaken_by_s:.3f} s older than one that came before it")
         velocity = np.array(message.velocity) if message.velocity else np.full(len(names), np.nan)
-        velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity[self._columns])
+        velocity = velocity[self._columns]
+        self._plausibility.require(stamp_ns, position_rad, velocity)
+        velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity)
         return ArmState(time_ns=stamp_ns, position_rad=position_rad, velocity_rad_s=velocity_rad_s)
 
 

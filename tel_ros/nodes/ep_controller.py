@@ -76,7 +76,7 @@ class EpControllerNode(ManagedNode):
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
         )
-        self._reader = JointStateReader(self._joints, config.control)
+        self._reader = JointStateReader(config.arm, config.control)
         self._estimated: tuple[str, ...] = ()
         self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False

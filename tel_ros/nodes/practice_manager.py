@@ -254,6 +254,7 @@ class PracticeManagerNode(Node):
             ANSWER_TIMEOUT_S,
         )
         self._goal_pub.publish(goal)
+        self._wait_for_arm(self._config.run.arm_timeout_s)  # a disturbed brake may have moved it meanwhile
         progress.stage("moving")
         message = self._executed(goal_handle, goal, progress)
         self._call(self._stop_recording, StopRecording.Request(result=message), ANSWER_TIMEOUT_S)

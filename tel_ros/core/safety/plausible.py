@@ -1,0 +1,66 @@
+"""Joint states that no arm can be in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tel_ros.core.errors import StateError
+from tel_ros.core.types import NS_PER_S, FloatArray
+
+TIMES_THE_LIMIT = 10.0
+"""A trial is aborted at the velocity limit itself; what is so far above it is no motion."""
+SMALL_JUMP_RAD = 0.1
+"""A jump of less is left to the rules about motion: coarse encoders make small ones."""
+
+
+class Plausibility:
+    """Refuses states in which a joint is many times faster than it may be, or has jumped that fast.
+
+    Such a number comes from a broken message or a sensor that slipped. One answer to it is a kick with all
+    the effort that there is, before anything else can notice: a damper brakes a speed that is not there. It
+    is to be passed over, as if it had got lost; where it stays, that ends in a loss of the states. A position
+    that stays elsewhere is believed once no other has come for the time-out.
+
+    Args:
+        joints: names.
+        velocity_limit_rad_s: shape (n_joints,); may be infinite.
+        timeout_s: longest time without a new state.
+    """
+
+    def __init__(self, joints: Sequence[str], velocity_limit_rad_s: FloatArray, timeout_s: float) -> None:
+        self._joints = tuple(joints)
+        self._fastest_rad_s = TIMES_THE_LIMIT * velocity_limit_rad_s
+        self._timeout_ns = round(timeout_s * NS_PER_S)
+        self._last_ns: int | None = None
+        self._position_rad = np.zeros(len(joints))
+
+    def require(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
+        """Refuse a state, or remember it as the last one. Numbers that are not finite are not judged here.
+
+        Args:
+            time_ns: its stamp.
+            position_rad: shape (n_joints,).
+            velocity_rad_s: as reported, NaN where nothing was. Shape (n_joints,).
+
+        Raises:
+            StateError: a joint is too fast, or has jumped.
+        """
+        self._require_below(np.abs(velocity_rad_s), self._fastest_rad_s, "moves at {:.6g} rad/s")
+        last_ns = self._last_ns
+        if last_ns is not None and 0 < time_ns - last_ns <= self._timeout_ns:
+            jump_rad = np.abs(position_rad - self._position_rad)
+            furthest_rad = SMALL_JUMP_RAD + self._fastest_rad_s * ((time_ns - last_ns) / NS_PER_S)
+            self._require_below(jump_rad, furthest_rad, "has jumped by {:.6g} rad")
+        if np.isfinite(position_rad.sum()):
+            self._last_ns, self._position_rad = time_ns, position_rad
+
+    def _require_below(self, found: FloatArray, most: FloatArray, what: str) -> None:
+        beyond = found > most
+        if beyond.any():
+            j = int(np.argmax(beyond))
+            raise StateError(
+                f"the joint state says that {self._joints[j]} {what.format(found[j])}; expected at most "
+                f"{most[j]:.6g} ({TIMES_THE_LIMIT:g} times its velocity limit)"
+            )
