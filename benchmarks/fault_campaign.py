@@ -38,6 +38,8 @@ STALL_S = 0.05
 """The arm said nothing for so long, although the fault does not concern its process: the machine stalled."""
 AFTERWARDS_S = 0.4
 ZERO_NM = 1e-9
+FOREIGN_EFFORTS = "command_duplicate"
+"""The kind in which somebody else moves the arm: no reaction of this graph, so it counts from its end."""
 
 
 @dataclass
@@ -264,7 +266,7 @@ class Injection:
             completed=completed,
             work_tolerance_j=self._graph.setup.work_tolerance_j,
             falls=self._graph.setup.falls,
-            calm_ns=fault_ns + round(_lasts_s(fault) * NS_PER_S),
+            calm_ns=fault_ns + (0 if kind.name == FOREIGN_EFFORTS else round(_lasts_s(fault) * NS_PER_S)),
             body=self._body,
         )
         verdict = judge(trace, self._limits, episode)
@@ -279,7 +281,8 @@ class Injection:
     def _noticed_ns(self, fault: Fault, trace: Trace) -> int:
         """Return the arm time from which the fault could be noticed."""
         if fault.kind.endswith("_duplicate"):
-            return self._tap.foreign_since_ns or self._fault_ns
+            since_ns = self._tap.foreign_since_ns or self._fault_ns
+            return since_ns + (round(_lasts_s(fault) * NS_PER_S) if fault.kind == FOREIGN_EFFORTS else 0)
         if not self._graph.setup.in_between and fault.kind in ("kill_ep_controller", "hang_ep_controller"):
             # The observer lags behind an arm in lockstep, whose time stands still once nobody commands it.
             heard = [c.arm_ns for c in trace.controls]

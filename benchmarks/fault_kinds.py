@@ -32,7 +32,10 @@ def _where(node: str) -> tuple[str, ...]:
     return IN_BETWEEN if node == "arm_guard" else EVERYWHERE
 
 
-STATES_LOST = r"no joint state|no joint states|stamps of the joint states|off its desired|moves at|is at "
+STATES_LOST = (
+    r"no joint state|no joint states|joint states come|stamps of the joint states|off its desired|moves at|"
+    r"is at "
+)
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
 SILENCE_S = 0.1
 _PERIOD_S = 1.0 / RATE_HZ
@@ -293,9 +296,9 @@ KINDS: dict[str, Kind] = {
                 "commands",
                 "a second publisher commands up to 20 % of the limit, for 1 s",
             ),
-            "Two that command one arm is never right: the trial is aborted. Counted from the second's first "
-            "message; the graph has to tell the controller that it is there.",
-            *(_foreign, _always("stop"), ANY_REASON + "|publish"),
+            "Two that command one arm is never right: the trial is aborted. What the second sends reaches "
+            "the drive all the same, so the arm is judged from its last message on.",
+            *(_foreign, _always("stop"), ANY_REASON + "|commands the arm"),
         ),
         Kind(
             *("pause_ep_controller", "process", "SIGSTOP for 0.2 to 1.5 s"),

@@ -51,6 +51,8 @@ class Setup:
         work_tolerance_j: what the motors may put into a braked arm without being said to drive it. It covers
             one control period at full effort in mid-motion, and the springs' work while a swing dies out.
         falls: whether gravity moves the arm when its motors are off.
+        alone: whether no other graph may run beside it on two cores: states that come late for want of a core
+            are a fault of their own, and an arm that bears a weight sinks then.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Setup:
     in_between: bool
     work_tolerance_j: float
     falls: bool
+    alone: bool = False
 
     def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
         """Return the configuration of a run, and the settings that make it of the file.
@@ -96,7 +99,7 @@ SETUPS = {
     for setup in (
         Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, False),
         Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, False),
-        Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True),
+        Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True, alone=True),
         Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, False),
         Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, True),
     )

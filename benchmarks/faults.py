@@ -47,17 +47,19 @@ def campaign(
     faults: Sequence[Fault], jobs: int, domain: int, work: Path, keep: bool, results: Path
 ) -> Iterator[Row]:
     """Inject the faults, and give their rows as they come."""
-    parts = batches(faults)
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = []
-        for k, part in enumerate(parts):
-            # Neighbours in the list run at the same time.
-            first = domain + (k % (2 * jobs)) * (DOMAINS_PER_JOB // 2)
-            domains = range(first, first + DOMAINS_PER_JOB // 2)
-            folder = work / f"batch_{part[0].index:04d}"
-            futures.append(pool.submit(run_batch, part, folder, domains, keep, results))
-        for future in as_completed(futures):
-            yield from future.result()
+    done_alone = [fault for fault in faults if SETUPS[fault.setup].alone]
+    side_by_side = [fault for fault in faults if not SETUPS[fault.setup].alone]
+    for some, n_jobs in ((side_by_side, jobs), (done_alone, 1)):
+        with ProcessPoolExecutor(n_jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+            futures = []
+            for k, part in enumerate(batches(some)):
+                # Neighbours in the list run at the same time.
+                first = domain + (k % (2 * n_jobs)) * (DOMAINS_PER_JOB // 2)
+                domains = range(first, first + DOMAINS_PER_JOB // 2)
+                folder = work / f"batch_{part[0].index:04d}"
+                futures.append(pool.submit(run_batch, part, folder, domains, keep, results))
+            for future in as_completed(futures):
+                yield from future.result()
 
 
 def line(row: Row) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from sim_bridge.arm import SimulatedArm
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.control.records import ArmState, Outcome, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
@@ -28,7 +28,7 @@ from tel_ros.core.learning.signals import TrialSignals, configured_samples
 from tel_ros.core.learning.std_along import std_along
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
-from tel_ros.core.practice.lessons import is_learned_from
+from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
@@ -301,9 +301,9 @@ class OfflinePractice:
             samples = configured_samples(trial.signals, learning)
             self.learner, training = self.learner.trained_on(samples, learning.training)
         except TrainingError:
-            if trial.report.outcome == Outcome.COMPLETED:
+            if has_to_teach(trial.report.outcome, self._config.practice.on_abort):
                 raise
-            return None  # an abort may leave too little to learn from
+            return None
         return training
 
 

@@ -32,7 +32,7 @@ from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
-from tel_ros.core.practice.lessons import is_learned_from
+from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
@@ -302,10 +302,12 @@ class PracticeManagerNode(Node):
         try:
             trained = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
         except DeclinedError as error:
-            if row.report.outcome == Outcome.COMPLETED:
+            if has_to_teach(row.report.outcome, self._config.practice.on_abort):
                 raise
             self.get_logger().warning(f"nothing was learned from trial {row.plan.index}: {error}")
-            return  # an abort may leave too little to learn from
+            if row.report.outcome == Outcome.COMPLETED:  # one to go back to
+                self._save_network(network_after(folder, row.plan.index))
+            return
         row.training_rms_before_rad = trained.training_rms_before_rad
         row.training_rms_after_rad = trained.training_rms_after_rad
         row.rms_command_change_rad = trained.rms_command_change_rad

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import TrialReport
+from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import Learner
@@ -172,11 +172,12 @@ def _taught(row: TrialRow) -> bool:
 def _learn_again(row: TrialRow, bag: Path, folder: Path, config: Config, before: NetworkForecast) -> None:
     """Learn from a trial whose lesson was interrupted, with the network as it was before."""
     network, training, _ = learned_from(read_trial(bag), config, before.learner())
-    if training is None:
+    if training is not None:
+        row.training_rms_before_rad = training.rms_before_rad
+        row.training_rms_after_rad = training.rms_after_rad
+        row.rms_command_change_rad = training.rms_command_change_rad
+        row.grown = list(training.grown)
+    elif row.report.outcome != Outcome.COMPLETED:
         return
-    row.training_rms_before_rad = training.rms_before_rad
-    row.training_rms_after_rad = training.rms_after_rad
-    row.rms_command_change_rad = training.rms_command_change_rad
-    row.grown = list(training.grown)
     for file in (network_after(folder, row.plan.index), folder / NETWORK_FILE):
         save_network(network, file)

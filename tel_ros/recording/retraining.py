@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples
-from tel_ros.core.practice.lessons import is_learned_from
+from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
 from tel_ros.recording.bag_writer import RECOVERED
 from tel_ros.recording.network_file import revision
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bag, trial_bags
@@ -86,7 +85,7 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
     Raises:
         BagError: a bag is unfinished, recovered or damaged; it is of another arm than the first; or it goes
             back to the network after a trial whose bag is not among those before it.
-        TrainingError: a trial that was completed cannot be learned from.
+        TrainingError: a trial that was completed cannot be learned from, and ``practice.on_abort`` is stop.
     """
     metadata = [require_trainable(bag) for bag in bags]
     require_same_arm(list(zip(bags, metadata, strict=True)))
@@ -128,7 +127,7 @@ def learned_from(
         The learner after the trial, what learning did (None if the trial is not learned from), and why not.
 
     Raises:
-        TrainingError: the trial was completed and cannot be learned from.
+        TrainingError: the trial was completed and cannot be learned from, and ``practice.on_abort`` is stop.
     """
     if not is_learned_from(trial.outcome, bool(trial.run.any()), config.practice.on_abort):
         return learner, None, f"{trial.outcome.name.lower()}: not learned from"
@@ -136,7 +135,7 @@ def learned_from(
         samples = configured_samples(trial.signals(), config.learning)
         after, training = learner.trained_on(samples, config.learning.training)
     except TrainingError as error:
-        if trial.outcome == Outcome.COMPLETED:
+        if has_to_teach(trial.outcome, config.practice.on_abort):
             raise TrainingError(f"{trial.bag}: {error}") from None
         return learner, None, f"nothing was learned: {error}"
     return after, training, ""

@@ -16,7 +16,7 @@ from sim_bridge.offline import OfflineArm, OfflinePractice, OfflineTrial
 from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, Phase, TrialGoal
 from tel_ros.core.control.springs import Springs
-from tel_ros.core.errors import ConfigError, TrajectoryError
+from tel_ros.core.errors import ConfigError, TrainingError, TrajectoryError
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.sampling import sample
@@ -185,6 +185,20 @@ def test_practice_ends_with_an_abort_and_does_not_learn_from_it(make_practice: M
     assert practised.trial.report.outcome == Outcome.ABORTED
     assert practised.training is None
     assert practice.learner is practised.learner is learner
+
+
+def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unless_it_goes_on_after_aborts(
+    make_practice: MakePractice,
+) -> None:
+    weak = ("arm.effort_limit_nm=[0.1, 0.05]", "control.corridor_rad=3.0", "practice.first_duration_s=4.5")
+    with pytest.raises(TrainingError, match=r"clipped, .* in 2193 of the 2251 ticks of RUN, which leaves 0"):
+        make_practice(*weak).run()
+    practice = make_practice(*weak, "practice.on_abort=continue", "practice.trials=2")
+    learner = practice.learner
+    for practised in practice.run():
+        assert practised.trial.report.outcome == Outcome.COMPLETED
+        assert practised.training is None
+        assert practised.learner is learner
 
 
 def test_practice_goes_on_after_an_abort_if_it_is_told_so(make_practice: MakePractice) -> None:

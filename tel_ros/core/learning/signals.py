@@ -182,8 +182,10 @@ def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
     n_kept, n_clipped = np.count_nonzero(kept), np.count_nonzero(clipped & trial.run)
     if n_kept < _SHORTEST_RECORD:
         raise TrainingError(
-            f"the effort was clipped in {n_clipped} of the {len(kept)} ticks of RUN, which leaves {n_kept} "
-            f"to learn from; expected at least {_SHORTEST_RECORD}. Move slower, or raise the effort limit."
+            f"the effort was clipped, or held back for states that came late, in {n_clipped} of the "
+            f"{len(kept)} ticks of RUN, which leaves {n_kept} to learn from; expected at least "
+            f"{_SHORTEST_RECORD}. Move slower, or raise the effort limit; against late states: "
+            "docs/realtime.md."
         )
     return kept
 
