@@ -9,7 +9,7 @@ import yaml
 
 from tel_ros.app.bag_text import trial_text
 from tel_ros.app.report_text import seconds
-from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.errors import BagError, InputFileError, TelError
 from tel_ros.recording.bag_inspection import InspectedBag, inspect_bag
 from tel_ros.recording.config_file import config_from
 from tel_ros.recording.joint_states import read_joint_states
@@ -64,6 +64,8 @@ def _figure(bag: Path, topic: str) -> tuple[Figure, str]:
     inspected = inspect_bag(bag)
     if inspected.trial is not None and not topic and bag.is_dir():
         trial = read_trial(bag, recovered=True)
+        if not len(trial.time_ns):
+            raise BagError(bag, "holds no control state of its trial", "some to draw; or --topic")
         limits_nm, note = _limits(trial)
         return trial_figure(trial, limits_nm, _title(inspected, trial)), note
     states = read_joint_states(bag, topic)

@@ -82,8 +82,8 @@ class RecordedTrial:
     @property
     def time_s(self) -> FloatArray:
         """Time since the first tick of RUN, or since the first tick if there was none. Shape (n,)."""
-        start = int(np.argmax(self.run)) if self.run.any() else 0
-        time_s: FloatArray = (self.time_ns - self.time_ns[start]) / NS_PER_S
+        start_ns = self.time_ns[self.run][:1] if self.run.any() else self.time_ns[:1]
+        time_s: FloatArray = (self.time_ns - start_ns) / NS_PER_S
         return time_s
 
     def signals(self) -> TrialSignals:
@@ -186,7 +186,8 @@ def _trial(
             raise BagError(bag, f"holds {len(messages)} trial {what}", "exactly one")
     result = results[0]
     states = [state for state in states if state.trial == result.index]
-    if len(states) < result.ticks or not states:
+    # A trial that lost the arm before its first tick has none, and is whole.
+    if len(states) < result.ticks or (not states and result.outcome == Outcome.COMPLETED):
         raise BagError(
             bag, f"holds {len(states)} control states", f"at least the trial's {result.ticks} ticks"
         )
@@ -197,7 +198,7 @@ def _trial(
         if lengths:
             expected = f"one value for each of the joints {', '.join(result.joint_names)}"
             raise BagError(bag, f"holds {lengths.pop()} values in {name}", expected)
-        return np.array(values)
+        return np.array(values).reshape(len(states), len(result.joint_names))
 
     desired = [
         column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")

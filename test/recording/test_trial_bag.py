@@ -343,6 +343,17 @@ def test_a_bag_of_another_trial_only_is_refused(tmp_path: Path, trial: Synthetic
         read_trial(bag)
 
 
+def test_a_trial_that_was_aborted_before_its_first_tick_has_a_whole_bag_without_any(tmp_path: Path) -> None:
+    aborted = read_trial(SyntheticTrial(n=0, outcome=int(Outcome.ABORTED)).write(tmp_path / "bag"))
+    assert aborted.outcome == Outcome.ABORTED
+    assert aborted.position_rad.shape == aborted.saturated.shape == (0, 2)
+    assert aborted.desired.shape == (0, 6)
+    assert aborted.time_s.shape == (0,)
+    completed = SyntheticTrial(n=0, outcome=int(Outcome.COMPLETED)).write(tmp_path / "completed")
+    with pytest.raises(BagError, match="holds 0 control states"):
+        read_trial(completed)
+
+
 def test_a_bag_of_something_else_is_refused(tmp_path: Path, trial: SyntheticTrial) -> None:
     bag = tmp_path / "other"
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:

@@ -10,13 +10,14 @@ from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 TIMES_THE_LIMIT = 10.0
-"""A trial is aborted at the velocity limit itself; what is so far above it is no motion."""
+"""A trial is aborted at the velocity limit itself; what is so far above it is no motion. Nor is a jump that
+takes so many times the speed that the states tell."""
 SMALL_JUMP_RAD = 0.1
 """A jump of less is left to the rules about motion: coarse encoders make small ones."""
 
 
 class Plausibility:
-    """Refuses states in which a joint is many times faster than it may be, or has jumped that fast.
+    """Refuses states in which a joint is many times faster than it may be, or has jumped.
 
     Such a number comes from a broken message or a sensor that slipped. One answer to it is a kick with all
     the effort that there is, before anything else can notice: a damper brakes a speed that is not there. It
@@ -34,7 +35,8 @@ class Plausibility:
         self._fastest_rad_s = TIMES_THE_LIMIT * velocity_limit_rad_s
         self._timeout_ns = round(timeout_s * NS_PER_S)
         self._last_ns: int | None = None
-        self._position_rad = np.zeros(len(joints))
+        self._limit_rad_s = velocity_limit_rad_s
+        self._position_rad = self._speed_rad_s = np.zeros(len(joints))
 
     def require(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
         """Refuse a state, or remember it as the last one. Numbers that are not finite are not judged here.
@@ -47,20 +49,23 @@ class Plausibility:
         Raises:
             StateError: a joint is too fast, or has jumped.
         """
-        self._require_below(np.abs(velocity_rad_s), self._fastest_rad_s, "moves at {:.6g} rad/s")
+        told_rad_s = np.abs(velocity_rad_s)
+        self._require_below(told_rad_s, self._fastest_rad_s, "moves at {:.6g} rad/s", "its velocity limit")
+        speed_rad_s = np.fmin(told_rad_s, self._limit_rad_s)  # the limit itself where none is told
         last_ns = self._last_ns
         if last_ns is not None and 0 < time_ns - last_ns <= self._timeout_ns:
+            step_s = TIMES_THE_LIMIT * (time_ns - last_ns) / NS_PER_S
+            furthest_rad = SMALL_JUMP_RAD + step_s * np.maximum(speed_rad_s, self._speed_rad_s)
             jump_rad = np.abs(position_rad - self._position_rad)
-            furthest_rad = SMALL_JUMP_RAD + self._fastest_rad_s * ((time_ns - last_ns) / NS_PER_S)
-            self._require_below(jump_rad, furthest_rad, "has jumped by {:.6g} rad")
+            self._require_below(jump_rad, furthest_rad, "has jumped by {:.6g} rad", "what its speed explains")
         if np.isfinite(position_rad.sum()):
-            self._last_ns, self._position_rad = time_ns, position_rad
+            self._last_ns, self._position_rad, self._speed_rad_s = time_ns, position_rad, speed_rad_s
 
-    def _require_below(self, found: FloatArray, most: FloatArray, what: str) -> None:
+    def _require_below(self, found: FloatArray, most: FloatArray, what: str, measure: str) -> None:
         beyond = found > most
         if beyond.any():
             j = int(np.argmax(beyond))
             raise StateError(
                 f"the joint state says that {self._joints[j]} {what.format(found[j])}; expected at most "
-                f"{most[j]:.6g} ({TIMES_THE_LIMIT:g} times its velocity limit)"
+                f"{most[j]:.6g} ({TIMES_THE_LIMIT:g} times {measure})"
             )
