@@ -51,7 +51,7 @@ class GraphView:
     ) -> None:
         self._node = node
         self._n_joints = len(config.arm.joints)
-        self._reader = JointStateReader(config.arm.joints, config.control)
+        self._reader = JointStateReader(config.arm, config.control)
         self.arm: ArmState | None = None
         """The newest state of the arm."""
         self.sample: Sample | None = None
