@@ -36,7 +36,8 @@ class Plausibility:
         self._timeout_ns = round(timeout_s * NS_PER_S)
         self._last_ns: int | None = None
         self._limit_rad_s = velocity_limit_rad_s
-        self._position_rad = self._speed_rad_s = np.zeros(len(joints))
+        self._position_rad = self._velocity_rad_s = np.zeros(len(joints))
+        self._positions, self._fastest = self._position_rad.tolist(), self._fastest_rad_s.tolist()
 
     def require(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
         """Refuse a state, or remember it as the last one. Numbers that are not finite are not judged here.
@@ -49,17 +50,33 @@ class Plausibility:
         Raises:
             StateError: a joint is too fast, or has jumped.
         """
+        positions = position_rad.tolist()
+        if self._last_ns is None or not self._is_ordinary(positions, velocity_rad_s.tolist()):
+            self._judge(time_ns, position_rad, velocity_rad_s)
+            if not np.isfinite(position_rad.sum()):
+                return
+        self._last_ns, self._position_rad, self._velocity_rad_s = time_ns, position_rad, velocity_rad_s
+        self._positions = positions
+
+    def _is_ordinary(self, positions: list[float], velocities: list[float]) -> bool:
+        """Return whether no joint is too fast or has moved far: in the control loop this has to be quick."""
+        for q, last, v, fastest in zip(positions, self._positions, velocities, self._fastest, strict=True):
+            if not (-SMALL_JUMP_RAD <= q - last <= SMALL_JUMP_RAD and -fastest <= v <= fastest):
+                return False  # or something is NaN
+        return True
+
+    def _judge(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
         told_rad_s = np.abs(velocity_rad_s)
         self._require_below(told_rad_s, self._fastest_rad_s, "moves at {:.6g} rad/s", "its velocity limit")
-        speed_rad_s = np.fmin(told_rad_s, self._limit_rad_s)  # the limit itself where none is told
         last_ns = self._last_ns
         if last_ns is not None and 0 < time_ns - last_ns <= self._timeout_ns:
+            # The limit itself where no speed is told, or a higher one.
+            speed_rad_s = np.fmin(told_rad_s, self._limit_rad_s)
+            before_rad_s = np.fmin(np.abs(self._velocity_rad_s), self._limit_rad_s)
             step_s = TIMES_THE_LIMIT * (time_ns - last_ns) / NS_PER_S
-            furthest_rad = SMALL_JUMP_RAD + step_s * np.maximum(speed_rad_s, self._speed_rad_s)
+            furthest_rad = SMALL_JUMP_RAD + step_s * np.maximum(speed_rad_s, before_rad_s)
             jump_rad = np.abs(position_rad - self._position_rad)
             self._require_below(jump_rad, furthest_rad, "has jumped by {:.6g} rad", "what its speed explains")
-        if np.isfinite(position_rad.sum()):
-            self._last_ns, self._position_rad, self._speed_rad_s = time_ns, position_rad, speed_rad_s
 
     def _require_below(self, found: FloatArray, most: FloatArray, what: str, measure: str) -> None:
         beyond = found > most
