@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from rclpy.node import Node
@@ -14,16 +13,18 @@ from std_msgs.msg import Float64MultiArray
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.pacing import Due, Pacer
 from sim_bridge.resuming import replay_arm
+from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import answered_stamp_ns
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.hot_messages import CommandReader
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
+from tel_ros.recording.fixed_layout import CommandNumbers, JointStateLayout
 
 REPEAT_PERIOD_S = 0.05
 REST_SPEED_RAD_S = 0.05
@@ -73,8 +74,10 @@ class SimBridgeNode(Node):
             self._arm, self._start_ns = replay_arm(new_arm, trials)
         if self._lockstep and self._start_ns:
             self.get_logger().warning(RESTS)
-        self._message = JointState(name=list(config.arm.joints))
-        self._command: array[float] | None = None
+        n_joints = len(config.arm.joints)
+        self._layout = JointStateLayout(config.arm.joints, (n_joints, n_joints, n_joints))
+        self._reader = CommandReader()
+        self._command: Sequence[float] | None = None
         self._silent_periods = 0
         self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
         self._oldest_ns = round(config.sim.command_age_limit_s * NS_PER_S)
@@ -93,6 +96,7 @@ class SimBridgeNode(Node):
             command_topic,
             self._on_command_in_lockstep if self._lockstep else self._on_command,
             qos.NEWEST,
+            raw=True,
             callback_group=BusyGroup(),
         )
         self.busy_subscriptions = [commands]
@@ -122,16 +126,14 @@ class SimBridgeNode(Node):
 
     def _publish(self) -> None:
         reading = self._arm.reading()
-        message = self._message
         self._stamp_ns = self._start_ns + reading.time_ns
-        stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(self._stamp_ns, NS_PER_S)
-        message.position = array("d", reading.position_rad)
-        message.velocity = array("d", reading.velocity_rad_s)
-        message.effort = array("d", reading.effort_nm)
-        self._states.publish(message)
+        self._states.publish(
+            self._layout.packed(
+                self._stamp_ns, reading.position_rad, reading.velocity_rad_s, reading.effort_nm
+            )
+        )
 
-    def _step(self, command: array[float]) -> bool:
+    def _step(self, command: Sequence[float]) -> bool:
         """Let one period pass with a command; a command that cannot be used is ignored."""
         try:
             self._arm.step(command)
@@ -139,6 +141,14 @@ class SimBridgeNode(Node):
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return False
         return True
+
+    def _read(self, raw: bytes) -> CommandNumbers | None:
+        """Return a command; what is none is ignored."""
+        try:
+            return self._reader.read(raw)
+        except StateError as error:
+            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
+            return None
 
     def _fall_silent(self, silence_s: float) -> None:
         self.get_logger().error(f"no command for {silence_s:.3f} s: {self._on_silence}")
@@ -159,8 +169,11 @@ class SimBridgeNode(Node):
 
     # In real time.
 
-    def _on_command(self, message: Float64MultiArray) -> None:
-        answered_ns = answered_stamp_ns(message)
+    def _on_command(self, raw: bytes) -> None:
+        command = self._read(raw)
+        if command is None:
+            return
+        answered_ns = command.answered_ns
         age_ns = 0 if answered_ns is None else self._stamp_ns - answered_ns
         if 0 < self._oldest_ns < age_ns:
             self.get_logger().error(
@@ -171,7 +184,7 @@ class SimBridgeNode(Node):
             return
         if self._silent_periods >= self._watchdog_periods:
             self.get_logger().info("commands arrive")
-        self._command, self._silent_periods = message.data, 0
+        self._command, self._silent_periods = command.values, 0
         self._commanded_at = time.monotonic()
 
     def _pass_periods(self, due: Due) -> None:
@@ -202,11 +215,14 @@ class SimBridgeNode(Node):
 
     # In lockstep.
 
-    def _on_command_in_lockstep(self, message: Float64MultiArray) -> None:
-        answered_ns = answered_stamp_ns(message)
+    def _on_command_in_lockstep(self, raw: bytes) -> None:
+        command = self._read(raw)
+        if command is None:
+            return
+        answered_ns = command.answered_ns
         if answered_ns is not None and answered_ns != self._stamp_ns:
             return  # the answer to a repetition of a state that has been answered before
-        if not self._step(message.data):
+        if not self._step(command.values):
             return
         if self._coasting:
             self.get_logger().info("commands arrive")

@@ -135,6 +135,7 @@ class OfflineArm:
                 time_ns=self._start_ns + reading.time_ns,
                 position_rad=np.array(reading.position_rad),
                 velocity_rad_s=np.array(reading.velocity_rad_s),
+                effort_nm=np.array(reading.effort_nm),
             )
             tick = controller.tick(state)
             assert tick is not None  # it is not idle

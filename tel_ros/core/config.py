@@ -387,6 +387,9 @@ class SafetyConfig:
     clock_drift: float = 0.001
     """How much slower the clock of the joint states may run than the wall clock, as a share: states that come
     later than that explains get less effort. 1: never, for a simulator that is slower than real time."""
+    watch_drives: bool = True
+    """Whether a trial is aborted when the efforts that the arm reports say that a motor does not act. False:
+    for drives whose reports cannot be trusted."""
 
     def __post_init__(self) -> None:
         _require_choices(self)

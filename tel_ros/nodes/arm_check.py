@@ -121,7 +121,7 @@ class ArmClient:
             timeout_s: wall clock.
         """
         if self._channel is None:
-            self._channel = CommandChannel(self.node, "effort", len(self._joints))
+            self._channel = CommandChannel(self.node, "effort")
         self._layer, channel = layer, self._channel
         channel.open(layer)
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)

@@ -17,15 +17,17 @@ from tel_ros.core.safety.lateness import Lateness
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
-from tel_ros.nodes.conversions import JointStateReader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.hot_messages import CommandReader
+from tel_ros.nodes.joint_state_reader import JointStateReader
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
 COMPLAINT_PERIOD_S = 1.0
 WATCHDOG_PERIOD_S = 0.02
+_OWN_LABEL = topics.ARM_GUARD.encode()
 LOOK_PERIODS = 5.0
 """Joint states that fail to come: after so many, this process or the arm stood still, not the controller."""
 
@@ -48,9 +50,10 @@ class ArmGuardNode(Node):
             )
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm, config.control)
+        self._command_reader = CommandReader()
         self._lateness = Lateness(config.safety.clock_drift)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
-        self._channel = CommandChannel(self, "effort", len(config.arm.joints), author=topics.ARM_GUARD)
+        self._channel = CommandChannel(self, "effort", author=topics.ARM_GUARD)
         self._channel.open(self._guard.safety)
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s
@@ -60,7 +63,7 @@ class ArmGuardNode(Node):
         self._commands = 0
         # Commands first: one that has come with a state is heard before anybody asks whether one has come.
         self.busy_subscriptions = [
-            self.create_subscription(kind, topic, heard, qos.NEWEST, callback_group=BusyGroup())
+            self.create_subscription(kind, topic, heard, qos.NEWEST, raw=True, callback_group=BusyGroup())
             for kind, topic, heard in (
                 (Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
                 (JointState, topics.JOINT_STATES, self._on_joint_state),
@@ -85,17 +88,22 @@ class ArmGuardNode(Node):
             self._channel.send(0)
         super().destroy_node()
 
-    def _on_command(self, message: Float64MultiArray) -> None:
-        if message.layout.dim and message.layout.dim[0].label == topics.ARM_GUARD:
+    def _on_command(self, raw: bytes) -> None:
+        try:
+            command = self._command_reader.read(raw)
+        except StateError as error:
+            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
+            return
+        if command.label == _OWN_LABEL:
             return
         self._commands += 1
         if self._guard.active:
             self.get_logger().warning("commands come again: the guard yields")
-        self._guard.on_command(np.array(message.data), self._awake.look(time.monotonic()))
+        self._guard.on_command(np.array(command.values), self._awake.look(time.monotonic()))
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, raw: bytes) -> None:
         try:
-            state = self._reader.read(message)
+            state = self._reader.read_serialised(raw)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return

@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray
 
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import CommandFiller
+from tel_ros.nodes.hot_messages import packed_command
 from tel_ros.recording import topics
 
 
@@ -30,17 +30,14 @@ class CommandChannel:
     Args:
         node: that commands.
         interface: of the arm.
-        n_joints: number of values.
         author: put on the commands instead of the stamp that they answer; they then count as the answer to
             the newest state. Empty: the stamp.
     """
 
-    def __init__(
-        self, node: Node, interface: Literal["effort", "position"], n_joints: int, author: str = ""
-    ) -> None:
+    def __init__(self, node: Node, interface: Literal["effort", "position"], author: str = "") -> None:
         self._node, self._interface, self._author = node, interface, author
         self._source: CommandSource | None = None
-        self._command = CommandFiller(n_joints)
+        self._newest: bytes | None = None
         self.topic = topics.COMMANDS[interface]
         self._pub = node.create_publisher(Float64MultiArray, self.topic, qos.STREAM)
 
@@ -61,12 +58,13 @@ class CommandChannel:
         """Command what the source has last permitted, in answer to the joint state with this stamp."""
         command = None if self._source is None else self._source.last_command
         if command is not None:
-            self._pub.publish(self._command.fill(self._author or str(stamp_ns), command))
+            self._newest = packed_command(self._author or str(stamp_ns), command)
+            self._pub.publish(self._newest)
 
     def repeat(self) -> None:
         """Command the same once more, for an arm that has not heard it."""
-        if self._source is not None:
-            self._pub.publish(self._command.message)
+        if self._source is not None and self._newest is not None:
+            self._pub.publish(self._newest)
 
     def let_go(self, stamp_ns: int) -> None:
         """Command zero effort, when the source permits nothing else any more.

@@ -7,19 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import ControlState, TrialResult
 from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tel_ros.core.config import ArmConfig, ControlConfig
-from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
+from tel_ros.core.control.records import ArmState, TrialGoal, TrialReport
 from tel_ros.core.control.springs import Springs
-from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
-from tel_ros.core.errors import StateError, TrajectoryError
-from tel_ros.core.safety.plausible import Plausibility
-from tel_ros.core.safety.state_order import StateOrder
+from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.recording.trial_timing import timing_fields
@@ -40,121 +35,10 @@ def to_array(values: FloatArray) -> array[float]:
     return array("d", values.tobytes())
 
 
-class JointStateReader:
-    """Picks the arm's joints out of joint states, by name.
-
-    Velocities that the arm does not tell (the field is empty, or NaN for a joint) are estimated.
-
-    Args:
-        arm: names, in the order of all arrays, and velocity limits, filled from the URDF where empty.
-        control: how to estimate velocities, and for how long a state is awaited.
-    """
-
-    def __init__(self, arm: ArmConfig, control: ControlConfig) -> None:
-        self._joints = list(arm.joints)
-        self._velocities = MissingVelocities(
-            VelocityEstimator(
-                len(self._joints), cutoff_hz=control.velocity_filter_hz, max_gap_s=control.state_timeout_s
-            )
-        )
-        self._order = StateOrder(control.state_timeout_s)
-        self._plausibility = Plausibility(
-            self._joints, np.array(arm.velocity_limit_rad_s), control.state_timeout_s
-        )
-        self._names: list[str] | None = None
-        self._columns: list[int] | slice = slice(None)
-
-    @property
-    def estimated(self) -> tuple[str, ...]:
-        """Joints whose velocity is estimated at present."""
-        return tuple(self._joints[k] for k in self._velocities.estimated)
-
-    def read(self, message: JointState) -> ArmState:
-        """Return the state of the arm's joints.
-
-        Raises:
-            StateError: a joint is missing, a field has the wrong length, a value is not finite or cannot be,
-                or a newer state has come before.
-        """
-        names = message.name
-        if names != self._names:
-            missing = [joint for joint in self._joints if joint not in names]
-            if missing:
-                found = ", ".join(names) or "no joints"
-                raise StateError(f"the joint state has {found}; expected also {', '.join(missing)}")
-            columns = [names.index(joint) for joint in self._joints]
-            self._columns = slice(None) if columns == list(range(len(names))) else columns
-            self._names = list(names)
-        if len(message.position) != len(names) or len(message.velocity) not in (len(names), 0):
-            raise StateError(
-                f"the joint state has {len(names)} names, {len(message.position)} positions and "
-                f"{len(message.velocity)} velocities; expected as many of each, or no velocities"
-            )
-        stamp_ns = time_ns(message.header.stamp)
-        position_rad = np.array(message.position)[self._columns]
-        overtaken_by_s = self._order.overtaken_by_s(stamp_ns)
-        if overtaken_by_s:
-            raise StateError(f"the joint state is {overtaken_by_s:.3f} s older than one that came before it")
-        velocity = np.array(message.velocity) if message.velocity else np.full(len(names), np.nan)
-        velocity = velocity[self._columns]
-        self._plausibility.require(stamp_ns, position_rad, velocity)
-        velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity)
-        return ArmState(time_ns=stamp_ns, position_rad=position_rad, velocity_rad_s=velocity_rad_s)
-
-
-class CommandFiller:
-    """The command (efforts, or equilibrium points), marked with the stamp of the joint state that it answers.
-
-    Stock controllers do not look at the layout of the array. The simulated arm in lockstep and the
-    recorder do: its one dimension is labelled with that stamp, in nanoseconds.
-
-    Args:
-        n_joints: number of values.
-    """
-
-    def __init__(self, n_joints: int) -> None:
-        self._dimension = MultiArrayDimension(size=n_joints, stride=n_joints)
-        self.message = Float64MultiArray()
-        self.message.layout.dim = [self._dimension]
-
-    def fill(self, label: str, values: FloatArray) -> Float64MultiArray:
-        """Return the message, which is the same one every time."""
-        self._dimension.label = label
-        self.message.data = to_array(values)
-        return self.message
-
-
-def answered_stamp_ns(message: Float64MultiArray) -> int | None:
-    """Return the stamp of the joint state that a command answers, or None if it does not say."""
-    for dimension in message.layout.dim:
-        if dimension.label.isdecimal():
-            return int(dimension.label)
-    return None
-
-
-class ControlStateFiller:
-    """Turns ticks into one message that is used again and again."""
-
-    def __init__(self) -> None:
-        self._message = ControlState()
-
-    def fill(self, trial: int, state: ArmState, tick: Tick) -> ControlState:
-        """Return the message, which is the same one every time."""
-        message = self._message
-        stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(state.time_ns, NS_PER_S)
-        message.trial = trial
-        message.phase = int(tick.phase)
-        message.time_from_start_s = tick.time_from_start_s
-        message.desired_position_rad = to_array(tick.desired_position_rad)
-        message.desired_velocity_rad_s = to_array(tick.desired_velocity_rad_s)
-        message.desired_acceleration_rad_s2 = to_array(tick.desired_acceleration_rad_s2)
-        message.equilibrium_rad = to_array(tick.equilibrium_rad)
-        message.position_rad = to_array(state.position_rad)
-        message.velocity_rad_s = to_array(state.velocity_rad_s)
-        message.effort_nm = to_array(tick.effort_nm)
-        message.saturated = tick.saturated.tolist()
-        return message
+def answering_label(message: Float64MultiArray) -> bytes:
+    """Return the label of a command: of several the first that can be the stamp of a joint state."""
+    labels = [dimension.label for dimension in message.layout.dim]
+    return next((label for label in labels if label.isdecimal()), next(iter(labels), "")).encode()
 
 
 def idle_state(state: ArmState) -> ControlState:

@@ -21,13 +21,11 @@ from tel_ros.core.safety.lateness import Lateness
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.controller_health import ControllerStatus, controller_health
-from tel_ros.nodes.conversions import (
-    ControlStateFiller,
-    JointStateReader,
-    idle_state,
-)
+from tel_ros.nodes.conversions import idle_state
 from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
 from tel_ros.nodes.hot_loop import BusyGroup
+from tel_ros.nodes.hot_messages import ControlStatePacker
+from tel_ros.nodes.joint_state_reader import JointStateReader
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
@@ -80,7 +78,7 @@ class EpControllerNode(ManagedNode):
         self._estimated: tuple[str, ...] = ()
         self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
-        self._control_state = ControlStateFiller()
+        self._control_state = ControlStatePacker(len(self._joints))
         # Where the arm waits for commands, how fast they come says nothing about the trial.
         self._timer = (
             None
@@ -104,6 +102,7 @@ class EpControllerNode(ManagedNode):
                 topics.JOINT_STATES,
                 self._on_joint_state,
                 qos.NEWEST,
+                raw=True,
                 callback_group=BusyGroup(),
             )
         ]
@@ -126,7 +125,7 @@ class EpControllerNode(ManagedNode):
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
-        self._channel = CommandChannel(self, self._interface, len(self._joints))
+        self._channel = CommandChannel(self, self._interface)
         self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
 
     def activate(self) -> None:
@@ -191,12 +190,12 @@ class EpControllerNode(ManagedNode):
         self._trials.destroy()
         super().destroy_node()
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, raw: bytes) -> None:
         self._arrived_ns = time.monotonic_ns()
         if self._rivals.of_states:
             return  # nobody knows whose it is
         try:
-            state = self._reader.read(message)
+            state = self._reader.read_serialised(raw)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
@@ -256,7 +255,7 @@ class EpControllerNode(ManagedNode):
         self._channel.send(state.time_ns)
         if trial and self._timer is not None:
             self._timer.add(state.time_ns, self._arrived_ns, time.monotonic_ns())
-        self._state_pub.publish(self._control_state.fill(trial, state, tick))
+        self._state_pub.publish(self._control_state.packed(trial, state, tick))
 
     def _publish_zero(self) -> None:
         self._commanding = False

@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.hot_loop import spin_hot
+from tel_ros.nodes.transport import use_transport_profile
 
 EXIT_BAD_INPUT = 2
 _SIGNAL_CHECK_S = 0.2
@@ -57,6 +58,7 @@ def run_node(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
+    use_transport_profile()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
     try:

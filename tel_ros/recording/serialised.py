@@ -11,11 +11,13 @@ import struct
 from tel_ros.core.types import NS_PER_S
 
 _ENCODING_BYTES = 4
+_STAMP, _STAMP_BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
 
 
 def header_stamp_ns(serialised: bytes) -> int:
     """Return the stamp of a serialised message that begins with a header."""
-    seconds, nanoseconds = struct.unpack_from(f"{_order(serialised)}iI", serialised, _ENCODING_BYTES)
+    stamp = _STAMP if serialised[1] & 1 else _STAMP_BIG_ENDIAN
+    seconds, nanoseconds = stamp.unpack_from(serialised, _ENCODING_BYTES)
     return int(seconds) * NS_PER_S + int(nanoseconds)
 
 

@@ -8,7 +8,8 @@ from sensor_msgs.msg import JointState
 
 from tel_ros.core.config import ArmConfig, ControlConfig
 from tel_ros.core.errors import StateError
-from tel_ros.nodes.conversions import JointStateReader, to_time
+from tel_ros.nodes.conversions import to_time
+from tel_ros.nodes.joint_state_reader import JointStateReader
 
 ARM = ArmConfig(
     name="forearm",

@@ -22,8 +22,8 @@ from tel_ros.core.config import Config
 from tel_ros.core.control.records import ArmState, Phase
 from tel_ros.core.errors import StateError
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import JointStateReader
 from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
+from tel_ros.nodes.joint_state_reader import JointStateReader
 from tel_ros.recording import topics
 
 ANSWER_TIMEOUT_S = 2.0

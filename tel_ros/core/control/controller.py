@@ -80,6 +80,7 @@ class EpController:
         self.report: TrialReport | None = None
         """Of the trial that has just ended; None while one is under way."""
         self._goal: TrialGoal | None = None
+        self._times_ns: list[int] = []
         self._outcome = Outcome.COMPLETED
         self._message = ""
         self._score = TrackingScore(self._n_joints)
@@ -154,7 +155,9 @@ class EpController:
             goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
             if self._set_point is not None and not goal.springs.equal(self._configured):
                 raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
+        self.safety.response.forgive()
         self._goal, self.report = goal, None
+        self._times_ns = goal.desired.time_ns.tolist()
         self._outcome, self._message = Outcome.COMPLETED, ""
         self._score, self._ticks, self._run_ns, self._start_ns = TrackingScore(self._n_joints), 0, 0, 0
         # What is held at present is left smoothly; an arm that nobody holds is picked up where it is.
@@ -285,6 +288,8 @@ class EpController:
         except EffortError as error:
             self._stop(Outcome.ABORTED, str(error))
             return self.safety.none()
+        if self.safety.response.fault:
+            self._stop(Outcome.ABORTED, self.safety.response.fault)
         if not self._letting_go:
             self._load.add(state.time_ns, permitted.effort_nm)
         return permitted
@@ -351,8 +356,8 @@ class EpController:
                 self._stop(Outcome.ABORTED, self._restless("at the start posture"))
         elif self.phase == Phase.RUN:
             assert self._goal is not None
-            if in_phase_ns > self._goal.desired.time_ns[-1]:
-                self._held = self._trajectory_target(len(self._goal.desired.time_ns) - 1, 0.0)
+            if in_phase_ns > self._times_ns[-1]:
+                self._held = self._trajectory_target(len(self._times_ns) - 1, 0.0)
                 self._enter(Phase.HOLD, state.time_ns)
 
     def _target(self, state: ArmState) -> _Target:
@@ -373,6 +378,10 @@ class EpController:
         return _Target(u, zero, zero, u)
 
     def _stopping_equilibrium(self, state: ArmState) -> FloatArray:
+        if self.safety.response.fault:
+            # Nothing holds the arm. Springs that are latched anew have nothing to fling it with afterwards.
+            self._load.lose(self._springs.stiffness_nm_per_rad)
+            self._brake = None
         if self.safety.share_for(state) >= LEAST_SHARE:
             self._late_since_ns = None
         else:
@@ -390,29 +399,25 @@ class EpController:
 
     def _run_target(self, time_ns: int) -> _Target:
         assert self._goal is not None
-        times = self._goal.desired.time_ns
+        times = self._times_ns
         t = time_ns - self._run_ns
-        last = len(times) - 1
-        while self._point < last and times[self._point + 1] <= t:
-            self._point += 1
-        if self._point == last:
+        k, last = self._point, len(times) - 1
+        while k < last and times[k + 1] <= t:
+            k += 1
+        self._point = k
+        if k == last:
             return self._trajectory_target(last, 0.0)
-        share = float(t - times[self._point]) / float(times[self._point + 1] - times[self._point])
-        return self._trajectory_target(self._point, share)
+        return self._trajectory_target(k, float(t - times[k]) / float(times[k + 1] - times[k]))
 
     def _trajectory_target(self, k: int, share: float) -> _Target:
         """Return the goal at point k, or by linear interpolation between k and k + 1."""
         assert self._goal is not None
         desired = self._goal.desired
-        rows = (
-            desired.position_rad,
-            desired.velocity_rad_s,
-            desired.acceleration_rad_s2,
-            self._goal.equilibrium_rad,
-        )
+        q, v, a = desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2
+        u = self._goal.equilibrium_rad
         if share == 0.0:
-            return _Target(*(row[k] for row in rows))
-        return _Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in rows))
+            return _Target(q[k], v[k], a[k], u[k])
+        return _Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in (q, v, a, u)))
 
     def _stop(self, outcome: Outcome, message: str) -> None:
         if self.phase in (Phase.STOP, Phase.IDLE):

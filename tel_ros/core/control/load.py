@@ -19,7 +19,7 @@ class HoldingLoad:
     """
 
     def __init__(self) -> None:
-        self._smooth_nm: FloatArray | None = None
+        self._smooth_nm: list[float] | None = None
         self._last_ns = 0
         self.effort_nm: FloatArray | None = None
         """Shape (n_joints,); None: it has not been at rest under these springs."""
@@ -27,16 +27,20 @@ class HoldingLoad:
     def add(self, time_ns: int, effort_nm: FloatArray) -> None:
         """Take in one effort, shape (n_joints,)."""
         step_s = (time_ns - self._last_ns) / NS_PER_S
+        efforts = effort_nm.tolist()
         if self._smooth_nm is None or step_s <= 0.0:
-            self._smooth_nm = effort_nm
+            self._smooth_nm = efforts
         else:
             share = -math.expm1(-step_s / SMOOTHING_S)
-            self._smooth_nm = self._smooth_nm + share * (effort_nm - self._smooth_nm)
+            self._smooth_nm = [
+                smooth + share * (effort - smooth)
+                for smooth, effort in zip(self._smooth_nm, efforts, strict=True)
+            ]
         self._last_ns = time_ns
 
     def keep(self) -> None:
         """Remember the present effort: the arm is at rest."""
-        self.effort_nm = self._smooth_nm
+        self.effort_nm = None if self._smooth_nm is None else np.array(self._smooth_nm)
 
     def lose(self, stiffness_nm_per_rad: FloatArray) -> None:
         """Forget a load: nobody holds the arm where it was held. That there is none stays known."""

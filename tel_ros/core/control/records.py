@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
-
-import numpy as np
+from typing import Literal, NamedTuple
 
 from tel_ros.core.control.loop_timing import LoopTiming
 from tel_ros.core.control.springs import Springs
@@ -44,6 +43,7 @@ class ArmState:
         position_rad: as measured.
         velocity_rad_s: as measured.
         age_s: how late it has come (:class:`~tel_ros.core.safety.lateness.Lateness`); 0 where none can tell.
+        effort_nm: what the motors are said to have exerted until then; None: nothing is said.
 
     Raises:
         StateError: a value is not finite.
@@ -53,10 +53,11 @@ class ArmState:
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     age_s: float = 0.0
+    effort_nm: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        # A sum is finite only if all of its terms are, and costs less than isfinite and all.
-        if not np.isfinite(self.position_rad.sum() + self.velocity_rad_s.sum()):
+        # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.
+        if not math.isfinite(sum(self.position_rad.tolist()) + sum(self.velocity_rad_s.tolist())):
             raise StateError(
                 f"the joint state has position {self.position_rad.tolist()} rad and velocity "
                 f"{self.velocity_rad_s.tolist()} rad/s; expected finite numbers"
@@ -88,8 +89,7 @@ class TrialGoal:
         check_points("the equilibrium trajectory", self.equilibrium_rad, self.desired.position_rad.shape)
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(NamedTuple):
     """What the controller did with one state. Arrays of shape (n_joints,)."""
 
     phase: Phase

@@ -12,25 +12,32 @@ class TrackingScore:
 
     def __init__(self, n_joints: int) -> None:
         self.ticks = 0
-        self._largest_rad = np.zeros(n_joints)
-        self.max_effort_nm = np.zeros(n_joints)
-        self._squares = np.zeros(n_joints)
+        # Lists: in the control loop so few numbers are faster one by one than as arrays.
+        self._largest_rad = [0.0] * n_joints
+        self._largest_nm = [0.0] * n_joints
+        self._squares = [0.0] * n_joints
         self._saturated = 0
 
     def add(self, error_rad: FloatArray, effort_nm: FloatArray, saturated: BoolArray) -> None:
         """Take in one tick. Shapes (n_joints,)."""
         self.ticks += 1
-        self._squares += error_rad * error_rad
-        self._largest_rad = np.maximum(self._largest_rad, np.abs(error_rad))
-        self.max_effort_nm = np.maximum(self.max_effort_nm, np.abs(effort_nm))
-        self._saturated += bool(saturated.any())
+        for j, (error, effort) in enumerate(zip(error_rad.tolist(), effort_nm.tolist(), strict=True)):
+            self._squares[j] += error * error
+            self._largest_rad[j] = max(self._largest_rad[j], abs(error))
+            self._largest_nm[j] = max(self._largest_nm[j], abs(effort))
+        self._saturated += any(saturated.tolist())
+
+    @property
+    def max_effort_nm(self) -> FloatArray:
+        """Largest effort of each joint so far. Shape (n_joints,)."""
+        return np.array(self._largest_nm)
 
     @property
     def rms_error_per_joint_rad(self) -> FloatArray:
         """Root mean square error of each joint, NaN before the first tick. Shape (n_joints,)."""
         if self.ticks == 0:
-            return np.full_like(self._squares, np.nan)
-        return np.sqrt(self._squares / self.ticks)
+            return np.full(len(self._squares), np.nan)
+        return np.sqrt(np.array(self._squares) / self.ticks)
 
     @property
     def rms_error_rad(self) -> float:
@@ -40,7 +47,7 @@ class TrackingScore:
     @property
     def max_error_rad(self) -> float:
         """Largest deviation of any joint, NaN before the first tick."""
-        return float(self._largest_rad.max()) if self.ticks else float("nan")
+        return max(self._largest_rad) if self.ticks else float("nan")
 
     @property
     def saturated_ratio(self) -> float:

@@ -10,6 +10,7 @@ from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import EffortError
 from tel_ros.core.safety.braking_distance import BrakingDistance
+from tel_ros.core.safety.drive_response import DriveResponse
 from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
@@ -57,6 +58,8 @@ class SafetyLayer:
         self.motion = MotionLimits.of(arm, safety)
         self._led_back = LedBack.of(arm, self.motion)
         self.limit = effort_limit(arm)
+        self.response = DriveResponse.of(arm, safety)
+        """Whether the motors exert what is permitted."""
         self._period_s = 1.0 / rate_hz
         self._free = FreeZone.of(self.rate, self.braking, self.motion, self.limit, self._period_s)
         self._punctual_ns = round(min(punctual_s(self._period_s), LONGEST_GAP_S) * NS_PER_S) - 1
@@ -81,8 +84,9 @@ class SafetyLayer:
     def permit(self, state: ArmState, wanted_nm: FloatArray) -> Permitted:
         """Return the effort that may be commanded in answer to a state.
 
-        After a gap, or stamps that went back, nobody knows what has acted on the arm: efforts grow from zero,
-        and a joint that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.led_back.LedBack`).
+        After a gap, or stamps that went back, nobody knows what has acted on the arm; and while a motor does
+        not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
+        that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.led_back.LedBack`).
 
         Args:
             state: as measured.
@@ -92,6 +96,7 @@ class SafetyLayer:
             EffortError: the effort is not finite. The last one is zero from then on, and that is what is to
                 be commanded: :meth:`none`.
         """
+        self.response.look(state.time_ns, self.last_nm, state.effort_nm)
         if self._is_free(state, wanted_nm):
             self._last_ns, self.last_nm = state.time_ns, wanted_nm
             return Permitted(wanted_nm, self._nothing_changed)
@@ -100,7 +105,8 @@ class SafetyLayer:
         except EffortError:
             self.none()
             raise
-        if self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S:
+        gap = self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S
+        if gap or self.response.fault:
             self.none()
         if self._last_ns is None:
             self._led_back.find(state.time_ns, state.position_rad)
@@ -121,7 +127,7 @@ class SafetyLayer:
 
     def _is_free(self, state: ArmState, wanted_nm: FloatArray) -> bool:
         """Return whether no rule has anything to say about an effort, as far as one test tells."""
-        if self._last_ns is None or wanted_nm.shape != self.last_nm.shape:
+        if self._last_ns is None or wanted_nm.shape != self.last_nm.shape or self.response.fault:
             return False
         since_last_ns = state.time_ns - self._last_ns
         if since_last_ns < self._free.shortest_ns:

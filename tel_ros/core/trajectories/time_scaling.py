@@ -20,7 +20,8 @@ def minimum_jerk(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
         s, ds/dp and d²s/dp², each of shape (n,).
     """
     p = np.clip(phase, 0.0, 1.0)
-    s = p**3 * (10.0 + p * (-15.0 + 6.0 * p))
+    # Products, since NumPy's powers differ in the last bit from one processor to another.
+    s = p * p * p * (10.0 + p * (-15.0 + 6.0 * p))
     ds = 30.0 * p**2 * (1.0 - p) ** 2
     dds = 60.0 * p * (1.0 - p) * (1.0 - 2.0 * p)
     return s, ds, dds
