@@ -61,6 +61,7 @@ def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints
         (serialize_message(JointState(name=["elbow"], position=[0.0])), "expected also shoulder"),
         (serialize_message(JointState(name=["shoulder", "elbow"], position=[0.0])), "2 names, 1 positions"),
     ],
+    ids=["nothing", "too short", "no joints", "one joint", "one position"],  # bytes have stray padding
 )
 def test_what_is_no_state_of_the_arm_is_refused(raw: bytes, match: str) -> None:
     reader = JointStateReader(ARM, ControlConfig())
