@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.pacing import Due, Pacer
 from sim_bridge.resuming import replay_arm
+from sim_bridge.stillness import Stillness
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
@@ -46,7 +47,8 @@ class SimBridgeNode(Node):
 
     ``lockstep``: one period passes for every command that answers the newest state; the state is repeated
     until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
-    this counts as silence.
+    this counts as silence. A controller is silent between trials as well, for as long as learning takes; what
+    it can have taken for rest is no motion (:class:`~sim_bridge.stillness.Stillness`).
 
     On silence the effort goes to zero and the arm coasts, in both; position drives hold the last set point.
     """
@@ -84,6 +86,7 @@ class SimBridgeNode(Node):
         self._stepped_at = time.monotonic()
         self._commanded_at = 0.0
         self._coasting = False
+        self._stillness = Stillness(config.control)
         self._on_silence = (
             "effort is zero, the arm coasts"
             if config.arm.command_interface == "effort"
@@ -230,12 +233,13 @@ class SimBridgeNode(Node):
             self._coast_timer.cancel()
         self._stepped_at = self._commanded_at = time.monotonic()
         self._publish()
+        self._stillness.add(self._arm.reading().position_rad)
 
     def _repeat(self) -> None:
         silence_s = time.monotonic() - self._stepped_at
         if self._coasting or silence_s < REPEAT_PERIOD_S:
             return
-        if silence_s > self._sim.lockstep_timeout_s and not self._arm.at_rest(REST_SPEED_RAD_S):
+        if silence_s > self._sim.lockstep_timeout_s and not self._stillness.stands_still:
             self._fall_silent(silence_s)
             self._coasting = True
             self._coast_timer.reset()
