@@ -7,16 +7,16 @@ from collections import deque
 from tel_ros.core.config import ControlConfig, JointValues
 
 _TIMES = 3.0
-"""The controller's rest allows the distance once to each side of where its window began; and the arm has moved
-on for a period since."""
+"""The controller's rest allows the distance once to each side of where its window began; and the arm has
+moved on for a period since."""
 
 
 class Stillness:
     """Remembers the last readings, and says whether a controller may have taken them for rest.
 
     A controller that is silent between trials leaves an arm behind that swings a little still, and its speed
-    of the moment says nothing. So what counts is how far it has moved over the settling time, by the measure of
-    :class:`~tel_ros.core.control.rest.RestDetector`: whatever that calls rest is rest here, too.
+    of the moment says nothing. So what counts is how far it has moved over the settling time, by the measure
+    of :class:`~tel_ros.core.control.rest.RestDetector`: whatever that calls rest is rest here, too.
 
     Args:
         control: rate, settling time and speed.
