@@ -18,10 +18,10 @@ import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
 from fault_judge import Episode, JointLimits, Trace, judge
-from fault_kinds import ANY_REASON, KINDS, Fault, Kind
+from fault_kinds import ANY_REASON, KINDS, SILENCE_S, Expectation, Fault, Kind
 from fault_messages import corruption
 from fault_setups import SETUPS
-from fault_tap import resting_state
+from fault_tap import Heard, resting_state
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -256,7 +256,7 @@ class Injection:
         row.message = row.message or (trial.message if trial else "")
         self._check_message(kind, row, said, completed)
         trace = self._tap.trace(self._fault_wall_s - 1.0)
-        row.stall_s = round(self._stall_s(fault), 3)
+        row.stall_s = round(self._stall_s(fault, expects), 3)
         fault_ns = self._noticed_ns(fault, trace)
         episode = Episode(
             expects=expects,
@@ -289,11 +289,20 @@ class Injection:
             return max([self._fault_ns, *heard[-1:]])
         return self._fault_ns
 
-    def _stall_s(self, fault: Fault) -> float:
-        """Return the longest silence of the arm around a fault that does not touch the arm's process."""
+    def _stall_s(self, fault: Fault, expects: Expectation) -> float:
+        """Return the longest silence of the arm around a fault that does not touch the arm's process.
+
+        Where the trial is to ride a fault out, the controller's counts as well, if it is longer than any that
+        the fault explains: its process stood still, then.
+        """
         if fault.kind in ("pause_sim_bridge", "kill_sim_bridge") or not self._graph.setup.in_between:
             return 0.0
-        heard = [h.wall_s for h in self._tap.states if h.wall_s >= self._fault_wall_s - 1.0]
+        stall_s = self._longest_gap_s(self._tap.states)
+        controller_s = self._longest_gap_s(self._tap.commands) if expects == "ride" else 0.0
+        return max(stall_s, controller_s if controller_s > SILENCE_S else 0.0)
+
+    def _longest_gap_s(self, messages: Sequence[Heard]) -> float:
+        heard = [h.wall_s for h in messages if h.wall_s >= self._fault_wall_s - 1.0]
         return float(np.diff(heard).max()) if len(heard) > 1 else 0.0
 
     def _check_message(self, kind: Kind, row: Row, said: str, completed: bool) -> None:

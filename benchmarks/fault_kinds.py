@@ -34,7 +34,7 @@ def _where(node: str) -> tuple[str, ...]:
 
 STATES_LOST = (
     r"no joint state|no joint states|joint states come|stamps of the joint states|off its desired|moves at|"
-    r"is at "
+    r"is at |does not exert what it is commanded"
 )
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
 SILENCE_S = 0.1
@@ -251,7 +251,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             *("command_nan", "commands", "NaN as an effort"),
-            "The arm does not apply it. It may coast meanwhile, and the trial go on or leave the corridor.",
+            "The arm does not apply it. It may coast meanwhile, and the trial go on or leave the corridor, or be "
+            "aborted because the motors do not act.",
             *(_brief_or_long, _always("either"), ANY_REASON),
         ),
         Kind(
