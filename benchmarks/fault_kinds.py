@@ -251,7 +251,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             *("command_nan", "commands", "NaN as an effort"),
-            "The arm does not apply it. It may coast meanwhile, and the trial go on or leave the corridor, or be "
+            "The arm does not apply it. It may coast meanwhile, and the trial go on, leave the corridor, or be "
             "aborted because the motors do not act.",
             *(_brief_or_long, _always("either"), ANY_REASON),
         ),
