@@ -251,8 +251,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             *("command_nan", "commands", "NaN as an effort"),
-            "The arm does not apply it. It may coast meanwhile, and the trial go on, leave the corridor, or be "
-            "aborted because the motors do not act.",
+            "The arm does not apply it. It may coast meanwhile, and the trial go on, leave the corridor, or "
+            "be aborted because the motors do not act.",
             *(_brief_or_long, _always("either"), ANY_REASON),
         ),
         Kind(
