@@ -4,9 +4,9 @@ rclpy makes a Python object of every message and goes through it field by field,
 a control tick. The messages of one arm differ in their numbers alone: everything else, names and lengths,
 makes up a layout that stays. So a layout is found once, and from then on :mod:`struct` does the work.
 
-The bytes are CDR, little-endian, as ROS 2 sends them: four bytes tell the encoding; numbers are aligned to
-their size, counted from behind these four; texts and sequences have their length in front, texts a zero byte
-at the end that counts.
+The bytes are CDR, little-endian, as ROS 2 sends them: two bytes tell the encoding, two have options that say
+nothing about the content; numbers are aligned to their size, counted from behind these four bytes; texts and
+sequences have their length in front, texts a zero byte at the end that counts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 from tel_ros.core.types import NS_PER_S
 
-LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
+LITTLE_ENDIAN_CDR = b"\x00\x01"
+_NO_OPTIONS = b"\x00\x00"
 _LONGEST_LABEL = 32
 """More than the digits of any stamp."""
 _MOST_NAMES, _MOST_VALUES = 256, 4096
@@ -50,7 +51,7 @@ class _Format:
     """Builds the format of a layout, with the padding that CDR asks for."""
 
     def __init__(self) -> None:
-        self._text, self._end = "<4s", 0
+        self._text, self._end = "<2s2s", 0
         self.constants: list[int | bytes] = []
         """Lengths and texts, in their order."""
 
@@ -103,7 +104,7 @@ class JointStateLayout:
             parts.text(name.encode())
         # Behind the encoding and the two numbers of the stamp.
         self._prefix = tuple(parts.constants)
-        first = 3 + len(self._prefix)
+        first = 4 + len(self._prefix)
         spans = []
         for length in lengths:
             parts.doubles(length)
@@ -135,13 +136,13 @@ class JointStateLayout:
         position, velocity, effort = self._spans
         same = (
             fields[0] == LITTLE_ENDIAN_CDR
-            and fields[3 : position.start - 1] == self._prefix
+            and fields[4 : position.start - 1] == self._prefix
             and (fields[position.start - 1], fields[velocity.start - 1], fields[effort.start - 1])
             == self._lengths
         )
         if not same:
             return None
-        stamp_ns = fields[1] * NS_PER_S + fields[2]
+        stamp_ns = fields[2] * NS_PER_S + fields[3]
         return JointStateNumbers(stamp_ns, fields[position], fields[velocity], fields[effort])
 
     def packed(
@@ -159,6 +160,7 @@ class JointStateLayout:
         position, velocity, effort = self._lengths
         return self._format.pack(
             LITTLE_ENDIAN_CDR,
+            _NO_OPTIONS,
             *divmod(stamp_ns, NS_PER_S),
             *self._prefix,
             *(position, *position_rad),
@@ -186,7 +188,7 @@ class CommandLayout:
         parts.length(0)  # data_offset
         parts.doubles(n_values)
         self._format = parts.made()
-        self._first = 1 + len(parts.constants)
+        self._first = 2 + len(parts.constants)
 
     @classmethod
     def of(cls, raw: bytes) -> CommandLayout | None:
@@ -212,12 +214,12 @@ class CommandLayout:
         if fields[0] != LITTLE_ENDIAN_CDR or fields[first - 1] != self._n_values:
             return None
         if self._n_label is None:
-            if fields[1] != 0:
+            if fields[2] != 0:
                 return None
         else:
-            if fields[1:3] != (1, self._n_label + 1):
+            if fields[2:4] != (1, self._n_label + 1):
                 return None
-            label = fields[3][:-1]
+            label = fields[4][:-1]
         return CommandNumbers(label, fields[first:])
 
     def packed(self, label: bytes, values: Sequence[float]) -> bytes:
@@ -227,7 +229,9 @@ class CommandLayout:
             struct.error: another number of values than the layout has.
         """
         n = self._n_values
-        return self._format.pack(LITTLE_ENDIAN_CDR, 1, len(label) + 1, label + b"\0", n, n, 0, n, *values)
+        return self._format.pack(
+            LITTLE_ENDIAN_CDR, _NO_OPTIONS, 1, len(label) + 1, label + b"\0", n, n, 0, n, *values
+        )
 
 
 @lru_cache(maxsize=4 * _LONGEST_LABEL)
@@ -286,6 +290,7 @@ class ControlStateLayout:
         position, velocity, acceleration, equilibrium, found, speed, effort = arrays
         return self._format.pack(
             LITTLE_ENDIAN_CDR,
+            _NO_OPTIONS,
             *divmod(stamp_ns, NS_PER_S),
             *(1, b"\0", trial, phase, time_from_start_s),
             *(n, *position, n, *velocity, n, *acceleration, n, *equilibrium),
@@ -302,7 +307,7 @@ class _Reader:
     """
 
     def __init__(self, raw: bytes) -> None:
-        if raw[:4] != LITTLE_ENDIAN_CDR:
+        if raw[:2] != LITTLE_ENDIAN_CDR:
             raise ValueError("another encoding")
         self._raw, self._place = raw, 4
 

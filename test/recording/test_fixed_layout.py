@@ -104,6 +104,15 @@ def test_padding_may_hold_anything() -> None:
     assert layout.read(bytes(raw)) == layout.read(joint_state(["shoulder", "elbow"], (2, 2, 2)))
 
 
+def test_options_of_the_encoding_do_not_count() -> None:
+    """Some middlewares tell there by how much they have padded."""
+    plain, dressed = joint_state(["q"], (1, 1, 1)), bytearray(joint_state(["q"], (1, 1, 1)))
+    dressed[3] = 3
+    layout = JointStateLayout.of(bytes(dressed))
+    assert layout is not None
+    assert layout.read(bytes(dressed)) == layout.read(plain) is not None
+
+
 def test_what_cannot_be_told_has_no_layout() -> None:
     whole = joint_state(["shoulder", "elbow"], (2, 2, 2))
     assert JointStateLayout.of(joint_state(["shoulder"], (1, 1, 1), little=False)) is None
