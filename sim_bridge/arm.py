@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from types import TracebackType
+from typing import NamedTuple
 
 from sim_bridge.delay import CommandDelay
 from sim_bridge.description import ArmDescription
@@ -35,8 +35,7 @@ class CommandError(TelError):
     """A command cannot be used. Nothing was applied and no time has passed."""
 
 
-@dataclass(frozen=True, slots=True)
-class ArmReading:
+class ArmReading(NamedTuple):
     """What the arm reports once a control period: one value a joint, in the order of the configuration."""
 
     time_ns: int
@@ -160,7 +159,7 @@ class SimulatedArm:
             CommandError: wrong length or not finite. Nothing is applied and no time passes.
             SimulationError: the simulation was closed, or is no longer finite.
         """
-        values = tuple(float(value) for value in command)
+        values = tuple(map(float, command))
         if len(values) != len(self._zero) or not all(map(math.isfinite, values)):
             name, unit = ("effort command", "N·m") if self._drive is None else ("set point", "rad")
             raise CommandError(
@@ -169,8 +168,10 @@ class SimulatedArm:
             )
         if self._drive is None:
             values = tuple(
-                max(-limit, min(limit, value))
-                for value, limit in zip(values, self.effort_limit_nm, strict=True)
+                [
+                    max(-limit, min(limit, value))
+                    for value, limit in zip(values, self.effort_limit_nm, strict=True)
+                ]
             )
         self._newest = values
         self._advance(self._delay.pass_through(values))

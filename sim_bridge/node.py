@@ -28,6 +28,7 @@ from tel_ros.recording import topics
 from tel_ros.recording.fixed_layout import CommandNumbers, JointStateLayout
 
 REPEAT_PERIOD_S = 0.05
+LOCKSTEP_TURN_PERIOD_S = 0.2
 REST_SPEED_RAD_S = 0.05
 STOP_SILENCE_S = 0.3
 LONGEST_STALL_S = 2.0
@@ -104,6 +105,8 @@ class SimBridgeNode(Node):
         )
         self.busy_subscriptions = [commands]
         if self._lockstep:
+            # While commands keep coming nothing else is urgent, and each turn of it holds the graph up.
+            self.turn_period_s = LOCKSTEP_TURN_PERIOD_S
             self.create_timer(REPEAT_PERIOD_S, self._repeat)
             self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
         else:

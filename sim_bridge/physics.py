@@ -93,13 +93,16 @@ class ArmPhysics:
             SimulationError: the simulation was closed.
         """
         body, joints, client = self._body, self._joints, self._client
+        set_torques, step, mode = (
+            pybullet.setJointMotorControlArray,
+            pybullet.stepSimulation,
+            pybullet.TORQUE_CONTROL,
+        )
         try:
             for _ in range(n_steps):
                 # PyBullet forgets a torque after each physics step.
-                pybullet.setJointMotorControlArray(
-                    body, joints, pybullet.TORQUE_CONTROL, forces=effort_nm, physicsClientId=client
-                )
-                pybullet.stepSimulation(physicsClientId=client)
+                set_torques(body, joints, mode, forces=effort_nm, physicsClientId=client)
+                step(physicsClientId=client)
         except pybullet.error as error:
             raise SimulationError(CLOSED) from error
 
@@ -126,7 +129,7 @@ class ArmPhysics:
     def state(self) -> tuple[JointValues, JointValues]:
         """Return the positions in rad and the velocities in rad/s of all joints."""
         states = pybullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
-        return tuple(state[0] for state in states), tuple(state[1] for state in states)
+        return tuple([state[0] for state in states]), tuple([state[1] for state in states])
 
     def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         """Put the joints there, moving so.

@@ -66,11 +66,14 @@ class JointSensors:
         if self._exact:
             self._velocity_rad_s = tuple(velocity_rad_s)
         else:
+            share, period_s = self._newest_share, self._period_s
             self._velocity_rad_s = tuple(
-                old + self._newest_share * ((now - before) / self._period_s - old)
-                for old, now, before in zip(
-                    self._velocity_rad_s, measured_rad, self._position_rad, strict=True
-                )
+                [
+                    old + share * ((now - before) / period_s - old)
+                    for old, now, before in zip(
+                        self._velocity_rad_s, measured_rad, self._position_rad, strict=True
+                    )
+                ]
             )
         self._position_rad = measured_rad
 
@@ -90,5 +93,6 @@ class JointSensors:
             noise_rad = self._rng.normal(0.0, self._noise_rad, self._n_joints).tolist()
             values = [value + error for value, error in zip(values, noise_rad, strict=True)]
         if self._step_rad:
-            values = [round(value / self._step_rad) * self._step_rad for value in values]
+            step_rad = self._step_rad
+            values = [round(value / step_rad) * step_rad for value in values]
         return tuple(values)

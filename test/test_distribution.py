@@ -110,3 +110,9 @@ def test_the_citation_names_the_paper_and_the_software() -> None:
         assert citation[key]
     paper = citation["preferred-citation"]
     assert (paper["title"], paper["year"]) == ("A Practice Strategy for Robot Learning Control", 1992)
+
+
+def test_all_tests_can_be_collected_in_one_session() -> None:
+    """As ``colcon test`` does it: pytest imports test files by their names alone, without their folders."""
+    files = [path.name for path in (ROOT / "test").rglob("*.py") if path.name != "conftest.py"]
+    assert sorted({name for name in files if files.count(name) > 1}) == []

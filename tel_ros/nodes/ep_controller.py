@@ -240,7 +240,7 @@ class EpControllerNode(ManagedNode):
 
     def _answer(self, state: ArmState) -> None:
         goal = self._controller.goal
-        tick = self._controller.tick(state)
+        tick = self._controller.decide(state)
         if tick is None:
             self._commanding = False
         else:
@@ -255,6 +255,8 @@ class EpControllerNode(ManagedNode):
         self._channel.send(state.time_ns)
         if trial and self._timer is not None:
             self._timer.add(state.time_ns, self._arrived_ns, time.monotonic_ns())
+        # The command is on its way: the arm does not wait for the rest.
+        self._controller.conclude(state, tick)
         self._state_pub.publish(self._control_state.packed(trial, state, tick))
 
     def _publish_zero(self) -> None:

@@ -3,7 +3,7 @@
 rclpy's executor builds a new wait set from all of a node's entities before every callback. That costs more
 than a control tick does. Here the busy subscriptions have a wait set of their own that is reused, and
 everything else (timers, services, actions, parameters) gets its turn when no message has come for 20 ms, and
-every 50 ms in any case.
+every 50 ms (or what a node asks for) in any case.
 
 A node may also have a :class:`Pace`: something to do at times of its own that must be kept. The wait set
 waits until then, so a message is taken the moment it comes, and everything else gets its turn where there is
@@ -74,6 +74,7 @@ def spin_hot(
     done: Callable[[], bool],
     batch_s: float = 0.0,
     pace: Pace | None = None,
+    turn_period_s: float = TURN_PERIOD_S,
 ) -> None:
     """Spin a node until ``done``.
 
@@ -84,6 +85,7 @@ def spin_hot(
         done: looked at whenever something has happened, and fifty times a second.
         batch_s: how long to let messages gather before they are taken together.
         pace: what has to be done in time.
+        turn_period_s: how long everything else may wait while messages keep coming. A turn costs 1 to 2 ms.
     """
     if not subscriptions or not serves_itself():
         _spin_plainly(executor, done, pace)
@@ -108,7 +110,7 @@ def spin_hot(
         idle = not ready and pace is None
         if idle or (time.monotonic() >= next_turn and _has_time(pace, next_turn)):
             _serve_the_rest(executor)
-            next_turn = time.monotonic() + TURN_PERIOD_S
+            next_turn = time.monotonic() + turn_period_s
 
 
 def _spin_plainly(executor: SingleThreadedExecutor, done: Callable[[], bool], pace: Pace | None) -> None:

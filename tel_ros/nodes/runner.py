@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import rclpy
@@ -23,6 +24,7 @@ _SIGNAL_CHECK_S = 0.2
 _LONGEST_STOP_S = 3.0  # less than `ros2 launch` waits before it becomes rude
 _LAST_WORDS_S = 0.2  # for results that are on their way to whoever waits for them
 _SAME_REQUEST_S = 1.0
+_WISHES = ("batch_s", "pace", "turn_period_s")
 
 
 class Stoppable(Protocol):
@@ -41,7 +43,8 @@ def run_node(
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
-    A node may have ``busy_subscriptions``, ``batch_s`` for them, and a ``pace`` (see :func:`spin_hot`).
+    A node may have ``busy_subscriptions``, ``batch_s`` and ``turn_period_s`` for them, and a ``pace`` (see
+    :func:`spin_hot`).
 
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
     command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 3 s at most.
@@ -69,15 +72,15 @@ def run_node(
         node.create_timer(_SIGNAL_CHECK_S, lambda: None)
         # What exists by now stays: looking through it again and again would hold the loop up.
         gc.freeze()
-        busy, batch_s = getattr(node, "busy_subscriptions", ()), getattr(node, "batch_s", 0.0)
-        pace = getattr(node, "pace", None)
-        spin_hot(node, executor, busy, lambda: bool(stopping), batch_s, pace)
+        wishes = {name: getattr(node, name) for name in _WISHES if hasattr(node, name)}
+        spin = partial(spin_hot, node, executor, getattr(node, "busy_subscriptions", ()), **wishes)
+        spin(lambda: bool(stopping))
         if hasattr(node, "stop"):
             node.stop()
             end = stopping[0] + _LONGEST_STOP_S
-            spin_hot(node, executor, busy, lambda: node.stopped or time.monotonic() > end, batch_s, pace)
+            spin(lambda: node.stopped or time.monotonic() > end)
             end = time.monotonic() + _LAST_WORDS_S
-            spin_hot(node, executor, busy, lambda: time.monotonic() > end, batch_s, pace)
+            spin(lambda: time.monotonic() > end)
         executor.shutdown(timeout_sec=1.0)
     except KeyboardInterrupt:
         pass

@@ -11,7 +11,9 @@ import struct
 from tel_ros.core.types import NS_PER_S
 
 _ENCODING_BYTES = 4
+# Made once: the module would look each of them up by its text.
 _STAMP, _STAMP_BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
+_NUMBER, _NUMBER_BIG_ENDIAN = struct.Struct("<I"), struct.Struct(">I")
 
 
 def header_stamp_ns(serialised: bytes) -> int:
@@ -23,9 +25,9 @@ def header_stamp_ns(serialised: bytes) -> int:
 
 def trial_index(serialised: bytes) -> int:
     """Return the trial that a serialised control state belongs to: the number behind its header."""
-    order = _order(serialised)
-    (frame_id_length,) = struct.unpack_from(f"{order}I", serialised, _ENCODING_BYTES + 8)
-    (index,) = struct.unpack_from(f"{order}I", serialised, _aligned(_ENCODING_BYTES + 12 + frame_id_length))
+    number = _number(serialised)
+    (frame_id_length,) = number.unpack_from(serialised, _ENCODING_BYTES + 8)
+    (index,) = number.unpack_from(serialised, _aligned(_ENCODING_BYTES + 12 + frame_id_length))
     return int(index)
 
 
@@ -34,11 +36,11 @@ def answered_ns(serialised: bytes) -> int | None:
 
     It is the label of a dimension, in decimal digits; None if the command does not say.
     """
-    order = _order(serialised)
-    (n_dimensions,) = struct.unpack_from(f"{order}I", serialised, _ENCODING_BYTES)
+    number = _number(serialised)
+    (n_dimensions,) = number.unpack_from(serialised, _ENCODING_BYTES)
     place = _ENCODING_BYTES + 4
     for _ in range(n_dimensions):
-        (length,) = struct.unpack_from(f"{order}I", serialised, place)
+        (length,) = number.unpack_from(serialised, place)
         label = serialised[place + 4 : place + 4 + length].rstrip(b"\0")
         if label.isdigit():
             return int(label)
@@ -46,8 +48,8 @@ def answered_ns(serialised: bytes) -> int | None:
     return None
 
 
-def _order(serialised: bytes) -> str:
-    return "<" if serialised[1] & 1 else ">"
+def _number(serialised: bytes) -> struct.Struct:
+    return _NUMBER if serialised[1] & 1 else _NUMBER_BIG_ENDIAN
 
 
 def _aligned(place: int) -> int:

@@ -160,9 +160,13 @@ def test_an_effort_beyond_the_limit_is_clipped(arm: ArmUnderTest) -> None:
         pytest.skip("asks for --hostile-commands")
     limit_nm = np.array(arm.config.arm.effort_limit_nm)
     start = len(arm.states)
-    arm.answer(arm.pushing(10.0 / TINY_SHARE), 3)
-    arm.answer(arm.pushing(-10.0 / TINY_SHARE), 3)
-    arm.answer(arm.rest, 3)
-    efforts = np.array([arm.effort_nm(state) for state in arm.states[start:]])
+    efforts = np.zeros(0)
+    for _ in range(5):  # a machine that stands still for a moment swallows so short a push
+        arm.answer(arm.pushing(10.0 / TINY_SHARE), 3)
+        arm.answer(arm.pushing(-10.0 / TINY_SHARE), 3)
+        arm.answer(arm.rest, 3)
+        efforts = np.array([arm.effort_nm(state) for state in arm.states[start:]])
+        if efforts.any():
+            break
     assert np.abs(efforts).max() == pytest.approx(limit_nm.max())
     assert np.all(np.abs(efforts) <= limit_nm + 1e-9)

@@ -96,6 +96,8 @@ class EpController:
         self._brake: SpringBrake | None = None
         self._late_since_ns: int | None = None
         self._load = HoldingLoad()
+        self._exerted_nm: FloatArray | None = None
+        """By the springs in this tick, for the books; None: by nothing that tells of a load."""
         self._letting_go = False
         self.stopped_for: str | None = None
         """Why no trial may start until :meth:`reset_stop`; None: one may."""
@@ -222,10 +224,21 @@ class EpController:
         self._finish()
 
     def tick(self, state: ArmState) -> Tick | None:
-        """Answer one measured state.
+        """Answer one measured state: :meth:`decide` and :meth:`conclude` in one.
 
         Returns:
             What was decided, with the effort to command; None if nothing is to be commanded yet.
+        """
+        tick = self.decide(state)
+        if tick is not None:
+            self.conclude(state, tick)
+        return tick
+
+    def decide(self, state: ArmState) -> Tick | None:
+        """Decide what to command in answer to a state; :meth:`conclude` is to follow.
+
+        Returns:
+            As :meth:`tick`.
         """
         if self.phase == Phase.IDLE:
             self._last_ns = state.time_ns
@@ -247,9 +260,7 @@ class EpController:
                 target = self._target(state)
         equilibrium, effort, saturated = self._command(state, target)
         self._equilibrium = equilibrium
-        if self.phase == Phase.RUN:
-            self._score.add(state.position_rad - target.position, effort, saturated)
-        tick = Tick(
+        return Tick(
             phase=self.phase,
             time_from_start_s=self.time_from_start_s,
             desired_position_rad=target.position,
@@ -259,8 +270,19 @@ class EpController:
             effort_nm=effort,
             saturated=saturated,
         )
+
+    def conclude(self, state: ArmState, tick: Tick) -> None:
+        """Keep the books of a tick, for which a command that is on its way need not wait.
+
+        Args:
+            state: that :meth:`decide` was given.
+            tick: that it has returned.
+        """
+        if self._exerted_nm is not None:
+            self._load.add(state.time_ns, self._exerted_nm)
+        if tick.phase == Phase.RUN:
+            self._score.add(state.position_rad - tick.desired_position_rad, tick.effort_nm, tick.saturated)
         self._finish_if_over(state.time_ns)
-        return tick
 
     def _command(self, state: ArmState, target: _Target) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return equilibrium points, efforts, and whether something but the law has decided on them."""
@@ -279,6 +301,7 @@ class EpController:
 
     def _effort(self, state: ArmState, target: _Target) -> Permitted:
         """Return what the springs and dampers exert, as far as it is permitted."""
+        self._exerted_nm = None
         if self._letting_go:
             wanted = self.safety.fading(state.time_ns)
         else:
@@ -291,7 +314,7 @@ class EpController:
         if self.safety.response.fault:
             self._stop(Outcome.ABORTED, self.safety.response.fault)
         if not self._letting_go:
-            self._load.add(state.time_ns, permitted.effort_nm)
+            self._exerted_nm = permitted.effort_nm
         return permitted
 
     def _check(self, state: ArmState) -> None:
