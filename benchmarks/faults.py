@@ -9,13 +9,15 @@ fault; the same command goes on where it was interrupted. Exit code 1 if any fau
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import multiprocessing
 import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from pathlib import Path
 
@@ -25,6 +27,8 @@ from fault_page import table, write_page
 from fault_setups import SETUPS
 
 ROOT = Path(__file__).parents[1]
+PROCESSES = 3
+"""So many a batch may use up."""
 DOMAINS_PER_JOB = 20
 """A graph gets another domain than the one before it: what that has left behind must not answer."""
 
@@ -43,6 +47,32 @@ def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
     return list(rows.values())
 
 
+def run_apart(
+    part: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
+) -> list[Row]:
+    """Run a batch in a process of its own.
+
+    The middleware has been seen to take that process down with a graph. That costs no other batch anything,
+    and what is left of this one is gone on with on another domain.
+
+    Raises:
+        BrokenProcessPool: it happens again and again.
+    """
+    for attempt in itertools.count():
+        done = stored(results, part)
+        indices = {row.fault.index for row in done}
+        left = [fault for fault in part if fault.index not in indices]
+        moved_on = [*domains[attempt:], *domains[:attempt]]
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+            future = pool.submit(run_batch, left, folder / f"process_{attempt + 1}", moved_on, keep, results)
+            try:
+                return done + future.result()
+            except BrokenProcessPool:
+                if attempt == PROCESSES - 1:
+                    raise
+                print(f"the process of {folder.name} has died; another goes on", file=sys.stderr, flush=True)
+
+
 def campaign(
     faults: Sequence[Fault], jobs: int, domain: int, work: Path, keep: bool, results: Path
 ) -> Iterator[Row]:
@@ -50,14 +80,14 @@ def campaign(
     done_alone = [fault for fault in faults if SETUPS[fault.setup].alone]
     side_by_side = [fault for fault in faults if not SETUPS[fault.setup].alone]
     for some, n_jobs in ((side_by_side, jobs), (done_alone, 1)):
-        with ProcessPoolExecutor(n_jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        with ThreadPoolExecutor(n_jobs) as pool:
             futures = []
             for k, part in enumerate(batches(some)):
                 # Neighbours in the list run at the same time.
                 first = domain + (k % (2 * n_jobs)) * (DOMAINS_PER_JOB // 2)
                 domains = range(first, first + DOMAINS_PER_JOB // 2)
                 folder = work / f"batch_{part[0].index:04d}"
-                futures.append(pool.submit(run_batch, part, folder, domains, keep, results))
+                futures.append(pool.submit(run_apart, part, folder, domains, keep, results))
             for future in as_completed(futures):
                 yield from future.result()
 

@@ -15,6 +15,9 @@ WEAK_SHARE = 0.02
 """A motor that was found dead is believed to live again from this share of the effort limit on."""
 PATIENCE_S = 0.04
 """For how long a strong command may go unanswered: more than the delays that the arm contract allows."""
+SILENT_STATES = 5
+"""... and in at least so many states on end. Where states get lost, a driver's watchdog takes the effort away
+in each longer gap, and the first state after it tells of that alone."""
 ANSWERS_TO_BE_KNOWN = 50
 """A joint is judged once it has answered so many strong commands in a row: others may not report efforts."""
 
@@ -40,6 +43,7 @@ class DriveResponse:
         self._watched = watched
         self._answers = [0] * len(self._joints)
         self._silent_since_ns: list[int | None] = [None] * len(self._joints)
+        self._silences = [0] * len(self._joints)
         self._dead: set[int] = set()
         self.fault = ""
         """Which joint does not do what, in words; empty: all is well, as far as can be told."""
@@ -90,8 +94,11 @@ class DriveResponse:
             return
         since_ns = self._silent_since_ns[j]
         if since_ns is None or since_ns > time_ns:
-            self._silent_since_ns[j] = time_ns
-        elif time_ns - since_ns > PATIENCE_S * NS_PER_S and j not in self._dead:
+            self._silent_since_ns[j], self._silences[j] = time_ns, 1
+            return
+        self._silences[j] += 1
+        waited = time_ns - since_ns > PATIENCE_S * NS_PER_S and self._silences[j] >= SILENT_STATES
+        if waited and j not in self._dead:
             self._dead.add(j)
             self.fault = (
                 f"the drive of {self._joints[j]} does not exert what it is commanded: it reports "

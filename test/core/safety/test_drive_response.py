@@ -69,6 +69,13 @@ def test_answers_that_come_late_are_answers(drive: Drive) -> None:
         assert drive.run(PATIENT_TICKS // 2, 5.0, 5.0) == ""
 
 
+def test_a_driver_that_lets_go_in_the_gaps_of_lost_states_is_not_dead(drive: Drive) -> None:
+    for _ in range(20):  # every third state that comes was measured while the driver acted
+        for reported in (0.0, 0.0, 5.0):
+            drive.ticks += PATIENT_TICKS  # states in between are lost
+            assert drive.run(1, 5.0, reported) == ""
+
+
 def test_a_dead_motor_lives_again_once_it_answers_even_weakly(drive: Drive) -> None:
     assert drive.run(PATIENT_TICKS + 2, 5.0, 0.0)
     assert drive.run(100, 0.3, 0.0), "too weak to tell"
