@@ -13,9 +13,9 @@ ANSWER_SHARE = 0.5
 """A motor has answered a command if it reports at least this share of it."""
 WEAK_SHARE = 0.02
 """A motor that was found dead is believed to live again from this share of the effort limit on."""
-PATIENCE_S = 0.04
+PATIENCE_S = 0.08
 """For how long a strong command may go unanswered: more than the delays that the arm contract allows."""
-SILENT_STATES = 5
+SILENT_STATES = 10
 """... and in at least so many states on end. Where states get lost, a driver's watchdog takes the effort away
 in each longer gap, and the first state after it tells of that alone."""
 ANSWERS_TO_BE_KNOWN = 50
