@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_bridge.exact_model import ExactInverseDynamics
 from tel_ros.core.config import Config
+from tel_ros.core.safety.motion_limits import soft_range
 from tel_ros.core.types import FloatArray
 
 GIVEN_BACK = 0.5
@@ -25,10 +26,14 @@ class Body:
         stiffness_nm_per_rad: K. Shape (n_joints,).
         torque_nm: what makes the arm at rest in some postures accelerate so, from positions and accelerations
             of shape (n, n_joints), which is also its shape.
+        soft_min_rad: lower soft joint limits. Shape (n_joints,).
+        soft_max_rad: upper ones, likewise.
     """
 
     stiffness_nm_per_rad: FloatArray
     torque_nm: Callable[[FloatArray, FloatArray], FloatArray]
+    soft_min_rad: FloatArray
+    soft_max_rad: FloatArray
 
     @classmethod
     def of(cls, config: Config) -> Body:
@@ -43,7 +48,7 @@ class Body:
             )
             return torque
 
-        return cls(stiffness, torque_nm)
+        return cls(stiffness, torque_nm, *soft_range(config.arm, config.safety))
 
     def kinetic_energy_j(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
         """Return ½ q̇ᵀ M q̇ in J. Shapes (n, n_joints), result (n,)."""
@@ -66,6 +71,16 @@ class Body:
         """
         weight_nm = self.weight_nm(position_rad[None])[0]
         return float(np.sum(2.0 * weight_nm**2 / self.stiffness_nm_per_rad))
+
+    def led_back_j(self, position_rad: FloatArray) -> float:
+        """Return the work that lifts joints which have fallen beyond their soft limits back to these.
+
+        Args:
+            position_rad: where the joints are caught. Shape (n_joints,).
+        """
+        inside_rad = np.clip(position_rad, self.soft_min_rad, self.soft_max_rad)
+        weight_nm = self.weight_nm(position_rad[None])[0]
+        return float(np.sum(np.abs(weight_nm * (position_rad - inside_rad))))
 
     def reach_rad(self, position_rad: FloatArray, energy_j: float) -> FloatArray:
         """Return how far each joint may go from a posture until springs latched there have stopped it.

@@ -17,7 +17,7 @@ import numpy as np
 import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
-from fault_judge import Episode, JointLimits, Trace, judge
+from fault_judge import DELAY_S, Episode, JointLimits, Trace, judge
 from fault_kinds import ANY_REASON, KINDS, SILENCE_S, Expectation, Fault, Kind
 from fault_messages import corruption
 from fault_setups import SETUPS
@@ -266,7 +266,7 @@ class Injection:
             completed=completed,
             work_tolerance_j=self._graph.setup.work_tolerance_j,
             falls=self._graph.setup.falls,
-            calm_ns=fault_ns + (0 if kind.name == FOREIGN_EFFORTS else round(_lasts_s(fault) * NS_PER_S)),
+            calm_ns=self._calm_ns(fault, fault_ns),
             body=self._body,
         )
         verdict = judge(trace, self._limits, episode)
@@ -288,6 +288,22 @@ class Injection:
             heard = [c.arm_ns for c in trace.controls]
             return max([self._fault_ns, *heard[-1:]])
         return self._fault_ns
+
+    def _calm_ns(self, fault: Fault, fault_ns: int) -> int:
+        """Return the arm time from which nothing is disturbed any more.
+
+        A simulation that stood still has to catch up; its states are late until it has.
+        """
+        if fault.kind == FOREIGN_EFFORTS:
+            return fault_ns
+        over_ns = fault_ns + round(_lasts_s(fault) * NS_PER_S)
+        if fault.kind != "pause_sim_bridge":
+            return over_ns
+        states, fault_wall_s = self._tap.states, self._fault_wall_s
+        before = [_delay_s(h) for h in states if fault_wall_s - 1.0 <= h.wall_s < fault_wall_s]
+        usual_s = float(np.median(before)) if before else -math.inf
+        in_time = [h.arm_ns for h in states if h.arm_ns >= over_ns and _delay_s(h) <= usual_s + DELAY_S]
+        return in_time[0] if in_time else over_ns
 
     def _stall_s(self, fault: Fault, expects: Expectation) -> float:
         """Return the longest silence of the arm around a fault that does not touch the arm's process.
@@ -357,6 +373,11 @@ class Injection:
 def _lasts_s(fault: Fault) -> float:
     """Return for how long a fault disturbs; what is for good has its whole effect at once."""
     return float(fault.parameters.get("pause_s", fault.parameters.get("duration_s", 0.0)))
+
+
+def _delay_s(state: Heard) -> float:
+    """Return the time from a state's stamp to its arrival, on clocks of different origin."""
+    return state.wall_s - state.arm_ns / NS_PER_S
 
 
 def _is_zero(raw: bytes) -> bool:

@@ -88,7 +88,9 @@ class FaultGraph:
             self._arm = self._spawn(
                 ["-m", "sim_bridge.node", "--ros-args", "-p", parameter, *REMAPPED], "arm"
             )
-        self.tap = self._stack.enter_context(SpunTap(self._domain, self.setup.in_between))
+        self.tap = self._stack.enter_context(
+            SpunTap(self._domain, self.setup.in_between, self.config.control.realtime_priority)
+        )
         arguments = ["-m", "tel_ros.app.cli", "practice", str(self.setup.config_file)]
         arguments += ["--out", str(self.run), "--no-report", "--json"]
         for setting in self._settings:

@@ -11,9 +11,9 @@ No effort does no work; springs that brake do negative work; springs that hold a
 that is being driven fails within a few periods. The *reaction* is the time from the fault to the first moment
 from which this holds. Under gravity the springs that catch a falling arm give back some of its energy,
 which is tolerated; after a fall without effort also some of what its weight does until they have turned it
-round. And a weak brake would pass: it lets the arm sink, which is negative work. Hence,
-once nothing is disturbed any more and motors act, no joint may go further than energy, weight and springs
-explain (:mod:`fault_body`).
+round, and what it takes to lift joints that fell beyond their soft limits back to these. And a weak brake
+would pass: it lets the arm sink, which is negative work. Hence, once nothing is disturbed any more and motors
+act, no joint may go further than energy, weight and springs explain (:mod:`fault_body`).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ DELAY_S = 0.01
 """What the arm contract allows between sending a command and a state that shows it."""
 AT_REST_RAD_S = 0.3
 """A braked arm that is asked to move again is slower than this."""
-LET_GO_SAMPLES = 5
-"""After so many without effort an arm has been let go: as long as the driver's watchdog."""
+LET_GO_S = 0.02
+"""After so long without effort an arm has been let go: as long as the driver's watchdog."""
 CAUGHT_AT = 1.1
 """How fast a falling arm may be while motors catch it, over what it was before they began: a weight goes on
 pulling until their effort has grown."""
@@ -217,9 +217,13 @@ def _stop(
     energy_j = episode.body.kinetic_energy_j(position, trace.velocity_rad_s[segment])
     given_back_j = 0.0
     if episode.falls:
-        caught = _caught(effort)
-        sagging_j = episode.body.sagging_j(position[caught[0]]) if len(caught) else 0.0
-        given_back_j = GIVEN_BACK * (float(energy_j.max()) + sagging_j)
+        caught = _caught(trace.time_ns[segment], effort)
+        given_back_j = GIVEN_BACK * float(energy_j.max())
+        if len(caught):
+            where_rad = position[caught[0]]
+            given_back_j += GIVEN_BACK * episode.body.sagging_j(where_rad) + episode.body.led_back_j(
+                where_rad
+            )
     tolerance_j = episode.work_tolerance_j + given_back_j
     safe = largest_work_from(effort, position) <= tolerance_j
     reaction_s = max(0.0, float(time_s[int(np.argmax(safe))])) if safe.any() else float("inf")
@@ -232,11 +236,11 @@ def _stop(
     acting = late & np.any(effort != 0.0, axis=1)
     if not acting.any():
         return reaction_s, "zero", float("nan"), found
-    excursion_rad = float(_gone(position, acting).max())
+    excursion_rad = float(_gone(time_s, position, acting).max())
     calm = acting & (trace.time_ns[segment] > episode.calm_ns + (REACTION_LIMIT_S + DELAY_S) * NS_PER_S)
     if calm.any():
         first = int(np.argmax(calm))
-        gone = _gone(position, calm)
+        gone = _gone(time_s, position, calm)
         reach = episode.body.reach_rad(position[first], float(energy_j[first]) + tolerance_j)
         if (gone > reach).any():
             j = int(np.argmax(gone / reach))
@@ -250,25 +254,24 @@ def _stop(
     return reaction_s, "held", excursion_rad, found
 
 
-def _gone(position_rad: FloatArray, acting: BoolArray) -> FloatArray:
+def _gone(time_s: FloatArray, position_rad: FloatArray, acting: BoolArray) -> FloatArray:
     """Return how far each joint gets from where it is when motors first act, until the arm is let go.
 
     What is let go falls, and the soft walls that keep it from its limits then are no brake.
     """
     rows = np.flatnonzero(acting)
-    pauses = np.flatnonzero(np.diff(rows) > LET_GO_SAMPLES)
+    pauses = np.flatnonzero(np.diff(time_s[rows]) > LET_GO_S)
     first, last = rows[0], rows[pauses[0]] if len(pauses) else rows[-1]
     gone: FloatArray = np.abs(position_rad[first : last + 1] - position_rad[first]).max(axis=0)
     return gone
 
 
-def _caught(effort_nm: FloatArray) -> IntArray:
+def _caught(time_ns: IntArray, effort_nm: FloatArray) -> IntArray:
     """Return the samples in which motors begin to act on an arm that had been let go."""
-    acting = np.any(effort_nm != 0.0, axis=1)
-    acted = np.concatenate([[0], np.cumsum(acting)])  # before each sample
-    rows = np.flatnonzero(acting)
-    rows = rows[rows >= LET_GO_SAMPLES]
-    caught: IntArray = rows[acted[rows] == acted[rows - LET_GO_SAMPLES]]
+    rows = np.flatnonzero(np.any(effort_nm != 0.0, axis=1))
+    # An arm of which nothing is known before the first sample counts as held there.
+    acted_ns = np.concatenate([time_ns[:1], time_ns[rows]])
+    caught: IntArray = rows[np.diff(acted_ns) > LET_GO_S * NS_PER_S]
     return caught
 
 
@@ -283,7 +286,7 @@ def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, fall
         found.append(f"effort of {_largest_share(effort, limits.effort_nm):.3f} of the limit")
     counts = np.any(effort != 0.0, axis=1) if falls else np.ones(len(effort), dtype=bool)
     fastest = np.broadcast_to(limits.velocity_rad_s, velocity.shape).copy()
-    for first in _caught(effort) if falls else ():
+    for first in _caught(trace.time_ns[window], effort) if falls else ():
         # What it had before is not the motors' doing; what they add to it is.
         fastest[first:] = np.maximum(limits.velocity_rad_s, CAUGHT_AT * np.abs(velocity[first - 1]))
     position, velocity, fastest = position[counts], velocity[counts], fastest[counts]

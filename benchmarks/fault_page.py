@@ -10,7 +10,7 @@ import numpy as np
 from fault_campaign import STALL_S, TRIES, Row
 from fault_judge import CAUGHT_AT, DELAY_S, REACTION_LIMIT_S
 from fault_kinds import EXPECTATIONS, KINDS, SILENCE_S, Kind
-from fault_setups import RATE_HZ, RUN_S, SETUPS, SWING_RAD
+from fault_setups import PRIORITY, RATE_HZ, RUN_S, SETUPS, SWING_RAD
 
 MANY = 20
 """Violations that the page tells in full."""
@@ -125,8 +125,9 @@ def _setups(rows: Sequence[Row]) -> str:
     return (
         "\n".join(lines)
         + f"\n\nTrials of {RUN_S} s, in which each joint swings {SWING_RAD} rad to one side and back, at "
-        f"{RATE_HZ:.0f} Hz; `practice.on_abort: continue`. A graph that survives a fault gets the next one "
-        f"in its next "
+        f"{RATE_HZ:.0f} Hz; `practice.on_abort: continue`; in real time `control.realtime_priority: "
+        f"{PRIORITY}`, as `config/real_arm.yaml` has it, where it is permitted. A graph that survives a fault "
+        "gets the next one in its next "
         "trial. Only in real time does silence mean what it means on an arm; in lockstep the arm's time "
         "stands still "
         "while nobody commands it, so there the process faults are injected that do not need a clock."
@@ -145,7 +146,8 @@ def _rules() -> str:
         "arm none. "
         f"Tolerances: {tolerances}, under gravity and half of the largest kinetic energy, which "
         f"springs that catch a falling arm may give back, and, if it had been let go and fell, half of what "
-        f"its weight does until they have turned it round, 2 g² / K a joint; an undisturbed trial of the "
+        f"its weight does until they have turned it round, 2 g² / K a joint, and what lifts joints that "
+        f"fell beyond their soft limits back to these; an undisturbed trial of the "
         f"planar arm takes 0.4 to 0.9 J. A brake that gives way to a weight would pass. So, as soon as "
         f"nothing is disturbed any more, a joint on which motors act may go no further than "
         f"(g + √(g² + 2 K E)) / K: the whole "

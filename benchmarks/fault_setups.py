@@ -20,6 +20,8 @@ SWING_RAD = 0.5
 RUN_S = 1.4
 WATCHDOG_S = 0.02
 """Of the simulated driver."""
+PRIORITY = 50
+"""Of controller, simulated driver and observer, as config/real_arm.yaml has it; where it is permitted."""
 COMMAND_AGE_LIMIT_S = 0.01
 """Of the simulated driver: the longest way there and back that the arm contract allows at this rate."""
 SHORT_TRIALS = (
@@ -81,6 +83,7 @@ class Setup:
             f"sim.initial_position_rad={start_rad.tolist()}",
             f"run.arm={'external' if self.in_between else 'sim'}",
             f"sim.clock={'realtime' if self.in_between else 'lockstep'}",
+            f"control.realtime_priority={PRIORITY if self.in_between else 0}",
         ]
         return load_config(self.config_file, settings), settings
 

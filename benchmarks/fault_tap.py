@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import os
 import threading
 import time
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
+from pathlib import Path
 
 import numpy as np
 from fault_judge import Control, Trace
@@ -243,19 +245,18 @@ class SpunTap:
     Args:
         domain: ROS domain.
         in_between: see :class:`Tap`.
+        priority: SCHED_FIFO priority, where it is permitted, of whatever passes messages on; 0: none.
     """
 
-    def __init__(self, domain: int, in_between: bool) -> None:
+    def __init__(self, domain: int, in_between: bool, priority: int = 0) -> None:
+        self._priority = priority
         self._context = Context()
         self._context.init(domain_id=domain)
         self.tap = Tap(self._context, in_between)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.tap)
         self._ended = threading.Event()
-        done = self._ended.is_set
-        self._thread = threading.Thread(
-            target=partial(spin_hot, self.tap, self._executor, self.tap.busy_subscriptions, done)
-        )
+        self._thread = threading.Thread(target=self._spin)
 
     def __enter__(self) -> Tap:
         """Begin to spin."""
@@ -269,3 +270,16 @@ class SpunTap:
         self._executor.shutdown()
         self.tap.destroy_node()
         self._context.try_shutdown()
+
+    def _spin(self) -> None:
+        if self._priority:
+            _hurry(self._priority)
+        spin_hot(self.tap, self._executor, self.tap.busy_subscriptions, self._ended.is_set)
+
+
+def _hurry(priority: int) -> None:
+    """Give every thread of this process but the main one a priority, if that is permitted."""
+    for task in Path("/proc/self/task").iterdir():
+        if int(task.name) != os.getpid():
+            with suppress(ProcessLookupError, PermissionError):
+                os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))

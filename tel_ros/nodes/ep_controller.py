@@ -202,18 +202,23 @@ class EpControllerNode(ManagedNode):
         if self._reader.estimated != self._estimated:
             self._say_what_is_estimated()
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
+        went_back = self._seen is not None and state.time_ns < self._seen.time_ns
         if is_new:
-            if self._seen is not None and state.time_ns < self._seen.time_ns:
-                self._rest = self._new_rest()
-            self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
             self._states.count += 1
             if self._lateness is not None:
                 state = replace(state, age_s=self._lateness.of(state.time_ns, self._arrived_ns))
         self._seen = state
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
-        if not self._acts:
-            return
+        if self._acts:
+            self._act_on(state)
+        # The command is on its way: the arm does not wait for this.
+        if went_back:
+            self._rest = self._new_rest()
+        if is_new:
+            self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
+
+    def _act_on(self, state: ArmState) -> None:
         stands_still = not (
             self._controller.active
             or self._controller.braking

@@ -28,7 +28,12 @@ from tel_ros.core.control.records import Phase  # noqa: E402
 PERIOD_S = 0.004
 N = 500
 LIMITS = JointLimits(np.array([20.0]), np.array([-2.0]), np.array([2.0]), np.array([5.0]))
-BODY = Body(np.array([15.0]), lambda position_rad, acceleration_rad_s2: acceleration_rad_s2)
+BODY = Body(
+    stiffness_nm_per_rad=np.array([15.0]),
+    torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2,
+    soft_min_rad=np.array([-1.9]),
+    soft_max_rad=np.array([1.9]),
+)
 """A joint of 1 kg·m² without a weight."""
 STOP = Episode(
     expects="stop",
@@ -194,6 +199,22 @@ def test_springs_that_catch_what_fell_may_lift_its_weight_once_more(work_j: floa
     assert drove(lifted) == is_driven
     effort[:200] = 1e-9  # held all the time: it never fell
     assert drove(replace(lifted, effort_nm=effort[:, None]))
+
+
+@pytest.mark.parametrize(
+    ("caught_rad", "work_j", "is_driven"), [(2.0, 0.9, False), (2.0, 1.1, True), (1.9, 0.9, True)]
+)
+def test_soft_limits_may_lift_back_what_fell_beyond_them(
+    caught_rad: float, work_j: float, is_driven: bool
+) -> None:
+    position, effort = np.full(N, caught_rad), np.zeros(N)
+    effort[200:210] = 1e-9
+    effort[210] = -10.0
+    position[210:] -= work_j / 10.0
+    stamps = np.round(np.arange(N) * PERIOD_S * 1e9).astype(np.int64)
+    lifted = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    found = judged(lifted, falls=True, body=WEIGHTY).violations
+    assert any("drove the arm until" in text for text in found) == is_driven
 
 
 @pytest.mark.parametrize(("peak_rad_s", "is_violation"), [(6.5, False), (7.0, True)])

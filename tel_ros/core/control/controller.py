@@ -16,6 +16,7 @@ from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
 from tel_ros.core.errors import EffortError, TrajectoryError
+from tel_ros.core.safety.late_states import LEAST_SHARE
 from tel_ros.core.safety.layer import Permitted, SafetyLayer
 from tel_ros.core.safety.limits import Limits
 from tel_ros.core.safety.state_age import StateAge
@@ -23,9 +24,6 @@ from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, mini
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 SHORTEST_APPROACH_S = 0.5
-LEAST_SHARE = 0.5
-"""A brake of whose effort less than this may act is latched anew with every state: a spring that gives way
-meanwhile would fling the arm back once states are punctual again."""
 FORGOTTEN_AFTER_S = 0.05
 """An arm that has had less than that for so long is no longer where its load is known."""
 

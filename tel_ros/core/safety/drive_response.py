@@ -18,6 +18,8 @@ PATIENCE_S = 0.08
 SILENT_STATES = 10
 """... and in at least so many states on end. Where states get lost, a driver's watchdog takes the effort away
 in each longer gap, and the first state after it tells of that alone."""
+OVERDUE_S = 0.02
+"""After so long nothing is to be wound up any more: twice the delay that the arm contract allows."""
 ANSWERS_TO_BE_KNOWN = 50
 """A joint is judged once it has answered so many strong commands in a row: others may not report efforts."""
 
@@ -73,6 +75,13 @@ class DriveResponse:
                 self._answer(j)
             else:
                 self._stay_silent(j, time_ns, wanted, found)
+
+    def is_overdue(self, time_ns: int) -> bool:
+        """Return whether a motor that is known to answer strong commands lets one wait for its answer."""
+        return any(
+            since_ns is not None and time_ns - since_ns > OVERDUE_S * NS_PER_S
+            for since_ns in self._silent_since_ns
+        )
 
     def forgive(self) -> None:
         """Try again what was found dead."""

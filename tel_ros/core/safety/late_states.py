@@ -10,6 +10,11 @@ PUNCTUAL_PERIODS = 2.0
 AGE_COUNTS = 2.0
 """An effort that is held for a gap acts half of it after its state on average: age counts that much more."""
 
+LEAST_SHARE = 0.5
+"""Where less than this share of an effort may act nobody really commands the arm. What holds it, a brake that
+was latched or a soft limit, begins anew with every state: it would be wound up meanwhile, and fling the arm
+once states are punctual again."""
+
 
 def punctual_s(period_s: float) -> float:
     """Return for how long [s] a state is awaited before it counts as late."""

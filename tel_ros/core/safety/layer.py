@@ -15,7 +15,7 @@ from tel_ros.core.safety.effort_limit import effort_limit
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.finite import require_finite
 from tel_ros.core.safety.free_zone import FreeZone
-from tel_ros.core.safety.late_states import AGE_COUNTS, punctual_s, share_of_effort
+from tel_ros.core.safety.late_states import AGE_COUNTS, LEAST_SHARE, punctual_s, share_of_effort
 from tel_ros.core.safety.led_back import LedBack
 from tel_ros.core.safety.motion_limits import MotionLimits
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
@@ -108,7 +108,7 @@ class SafetyLayer:
         gap = self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S
         if gap or self.response.fault:
             self.none()
-        if self._last_ns is None:
+        if self._last_ns is None or (self._led_back.leads and self._motors_wait(state)):
             self._led_back.find(state.time_ns, state.position_rad)
         position_rad = self._led_back.seen_from_limits(state.time_ns, state.position_rad)
         effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
@@ -124,6 +124,10 @@ class SafetyLayer:
         last_ns = self._last_ns
         since_last_s = self._period_s if last_ns is None else (state.time_ns - last_ns) / NS_PER_S
         return share_of_effort(since_last_s, self._period_s, state.age_s)
+
+    def _motors_wait(self, state: ArmState) -> bool:
+        """Return whether what is permitted hardly reaches the arm: late states, or a driver that refuses."""
+        return self.share_for(state) < LEAST_SHARE or self.response.is_overdue(state.time_ns)
 
     def _is_free(self, state: ArmState, wanted_nm: FloatArray) -> bool:
         """Return whether no rule has anything to say about an effort, as far as one test tells."""

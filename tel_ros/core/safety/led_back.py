@@ -18,7 +18,8 @@ class LedBack:
     A soft limit is a stiff spring. On an arm that fell while nobody commanded it, and now leans against the
     end of its range, it would act at once with all that it is compressed by: up to 300 N·m on a joint of
     the simulated iiwa, which was thrown inside with 2.6 rad/s. So a limit acts where the joint is found, and
-    takes it along from there.
+    takes it along from there; while the motors do not act it waits for the joint (:meth:`find` again), or it
+    would be compressed just the same by the time they do.
 
     Args:
         motion: the soft limits.
@@ -35,8 +36,13 @@ class LedBack:
         """Return it for a configured arm whose empty limits have been filled from its URDF."""
         return cls(motion, SPEED_SHARE * np.array(arm.velocity_limit_rad_s))
 
+    @property
+    def leads(self) -> bool:
+        """Whether a soft limit is not in its place."""
+        return self._shift_rad is not None
+
     def find(self, time_ns: int, position_rad: FloatArray) -> None:
-        """Take in where an arm is that nobody has commanded until now. Shape (n_joints,)."""
+        """Take in where an arm is that its motors have not held until now. Shape (n_joints,)."""
         inside = np.clip(position_rad, self._motion.soft_min_rad, self._motion.soft_max_rad)
         shift_rad = position_rad - inside
         self._shift_rad, self._since_ns = (shift_rad if shift_rad.any() else None), time_ns
