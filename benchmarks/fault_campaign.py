@@ -325,7 +325,9 @@ class Injection:
         if kind.ends_run:
             if row.exit_code is not None and row.exit_code not in kind.codes:
                 row.violations.append(f"exit code {row.exit_code}; expected {kind.codes}")
-            if not re.search(kind.says, said):
+            # Whoever is killed says nothing, and the controller nothing of a trial that had come to its end.
+            nobody_says = kind.name == "kill_tel" and completed
+            if not nobody_says and not re.search(kind.says, said):
                 row.violations.append("the message does not say what happened")
         elif not completed and not re.search(kind.says, said):
             row.violations.append("the message does not say what happened")

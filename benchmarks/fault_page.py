@@ -126,8 +126,8 @@ def _setups(rows: Sequence[Row]) -> str:
         "\n".join(lines)
         + f"\n\nTrials of {RUN_S} s, in which each joint swings {SWING_RAD} rad to one side and back, at "
         f"{RATE_HZ:.0f} Hz; `practice.on_abort: continue`; in real time `control.realtime_priority: "
-        f"{PRIORITY}`, as `config/real_arm.yaml` has it, where it is permitted. A graph that survives a fault "
-        "gets the next one in its next "
+        f"{PRIORITY}`, as `config/real_arm.yaml` has it, where it is permitted. A graph that survives a "
+        "fault gets the next one in its next "
         "trial. Only in real time does silence mean what it means on an arm; in lockstep the arm's time "
         "stands still "
         "while nobody commands it, so there the process faults are injected that do not need a clock."
