@@ -36,6 +36,8 @@ TRIES = 3
 """A fault is injected again if something else disturbed it; the last time counts."""
 STALL_S = 0.05
 """The arm said nothing for so long, although the fault does not concern its process: the machine stalled."""
+UNEXPLAINED_S = 0.9 * SILENCE_S
+"""No fault that a trial is to ride out keeps the controller silent for so long; at SILENCE_S it gives up."""
 AFTERWARDS_S = 0.4
 ZERO_NM = 1e-9
 FOREIGN_EFFORTS = "command_duplicate"
@@ -315,7 +317,7 @@ class Injection:
             return 0.0
         stall_s = self._longest_gap_s(self._tap.states)
         controller_s = self._longest_gap_s(self._tap.commands) if expects == "ride" else 0.0
-        return max(stall_s, controller_s if controller_s > SILENCE_S else 0.0)
+        return max(stall_s, controller_s if controller_s > UNEXPLAINED_S else 0.0)
 
     def _longest_gap_s(self, messages: Sequence[Heard]) -> float:
         heard = [h.wall_s for h in messages if h.wall_s >= self._fault_wall_s - 1.0]

@@ -145,11 +145,11 @@ class FaultGraph:
 
     def fill_disk(self) -> None:
         """Leave no free block on the run's disk."""
-        with tempfile.NamedTemporaryFile(dir=self._disk, delete=False) as file:
+        # Without a buffer: what is left in it could not be written when the file is closed.
+        with tempfile.NamedTemporaryFile(dir=self._disk, delete=False, buffering=0) as file:
             try:
                 while True:
                     file.write(bytes(1 << 16))
-                    file.flush()
             except OSError:
                 return
 

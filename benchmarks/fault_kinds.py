@@ -355,7 +355,11 @@ KINDS: dict[str, Kind] = {
         Kind(
             *("kill_sim_bridge", "process", "SIGKILL: the driver of the arm is gone"),
             "What the motors do is then the drive's business. The last command that anybody sends is zero.",
-            *(_nothing, _always("end"), r"node sim_bridge was killed by SIGKILL|no joint state"),
+            *(
+                _nothing,
+                _always("end"),
+                r"node sim_bridge was killed by SIGKILL|no joint state|the arm is not there",
+            ),
             setups=("planar", *LOCKSTEP),
             ends_run=True,
             codes=(3,),

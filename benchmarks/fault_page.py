@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from fault_campaign import STALL_S, TRIES, Row
+from fault_campaign import STALL_S, TRIES, UNEXPLAINED_S, Row
 from fault_judge import CAUGHT_AT, DELAY_S, REACTION_LIMIT_S
-from fault_kinds import EXPECTATIONS, KINDS, SILENCE_S, Kind
+from fault_kinds import EXPECTATIONS, KINDS, Kind
 from fault_setups import PRIORITY, RATE_HZ, RUN_S, SETUPS, SWING_RAD
 
 MANY = 20
@@ -101,7 +101,7 @@ def _summary(rows: Sequence[Row], judged: Sequence[Row], violated: Sequence[Row]
         text += (
             f" {repeated} faults were injected again, {TRIES - 1} times at most, because something else had "
             f"disturbed them: the machine stood still for more than {1e3 * STALL_S:.0f} ms (where the trial "
-            f"should ride the fault out, the controller's process for {1e3 * SILENCE_S:.0f} ms), or the run "
+            f"should ride the fault out, the controller's process for {1e3 * UNEXPLAINED_S:.0f} ms), or the run "
             f"ended before "
             "the fault came. The last time counts; what was found before is below."
         )
