@@ -101,8 +101,8 @@ def _summary(rows: Sequence[Row], judged: Sequence[Row], violated: Sequence[Row]
         text += (
             f" {repeated} faults were injected again, {TRIES - 1} times at most, because something else had "
             f"disturbed them: the machine stood still for more than {1e3 * STALL_S:.0f} ms (where the trial "
-            f"should ride the fault out, the controller's process for {1e3 * UNEXPLAINED_S:.0f} ms), or the run "
-            f"ended before "
+            f"should ride the fault out, the controller's process for {1e3 * UNEXPLAINED_S:.0f} ms), or the "
+            "run ended before "
             "the fault came. The last time counts; what was found before is below."
         )
     if len(judged) < len(rows):
