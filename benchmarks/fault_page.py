@@ -43,7 +43,7 @@ def write_page(rows: Sequence[Row], file: Path, command: str, planned: int) -> N
     if violated:
         parts += ["## Violations", _violations(violated)]
     if any(row.earlier for row in judged):
-        parts += ["## Found when something else disturbed", _earlier(judged)]
+        parts += ["## Found before a fault was injected again", _earlier(judged)]
     parts += ["## What this does not show", _limits()]
     file.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
@@ -103,7 +103,8 @@ def _summary(rows: Sequence[Row], judged: Sequence[Row], violated: Sequence[Row]
             f"disturbed them: the machine stood still for more than {1e3 * STALL_S:.0f} ms (where the trial "
             f"should ride the fault out, the controller's process for {1e3 * UNEXPLAINED_S:.0f} ms), or the "
             "run ended before "
-            "the fault came. The last time counts; what was found before is below."
+            "the fault came; or because the judge was mended. The last time counts; what was found before is "
+            "below."
         )
     if len(judged) < len(rows):
         reasons = sorted({row.skipped for row in rows if row.skipped})

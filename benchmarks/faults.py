@@ -15,7 +15,7 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
@@ -29,14 +29,25 @@ from fault_setups import SETUPS
 ROOT = Path(__file__).parents[1]
 PROCESSES = 3
 """So many a batch may use up."""
+SUPERSEDED = "superseded.jsonl"
+"""Beside the results: those of faults that were injected again when asked to."""
 DOMAINS_PER_JOB = 20
 """A graph gets another domain than the one before it: what that has left behind must not answer."""
 
 
 def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
     """Return the rows of these very faults that are in the file already."""
+    rows = _read(results, faults)
+    for index, before in _read(results.with_name(SUPERSEDED), faults).items():
+        if index in rows and before.violations:
+            found = f"{'; '.join(before.violations)} (injected again when asked to)"
+            rows[index].earlier = [*before.earlier, found, *rows[index].earlier]
+    return list(rows.values())
+
+
+def _read(results: Path, faults: Sequence[Fault]) -> dict[int, Row]:
     if not results.exists():
-        return []
+        return {}
     wanted = {fault.index: asdict(fault) for fault in faults}
     rows = {}
     for line in results.read_text(encoding="utf-8").splitlines():
@@ -44,7 +55,18 @@ def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
         fault = values.pop("fault")
         if wanted.get(fault["index"]) == fault:
             rows[fault["index"]] = Row(Fault(**fault), **values)
-    return list(rows.values())
+    return rows
+
+
+def set_aside(results: Path, again: Collection[int]) -> None:
+    """Move the results of some faults to another file, so that they are injected again."""
+    lines = results.read_text(encoding="utf-8").splitlines(keepends=True) if results.exists() else []
+    aside = [line for line in lines if json.loads(line)["fault"]["index"] in again]
+    with results.with_name(SUPERSEDED).open("a", encoding="utf-8") as file:
+        file.writelines(aside)
+    rest = results.with_suffix(".rest")
+    rest.write_text("".join(line for line in lines if line not in aside), encoding="utf-8")
+    rest.replace(results)
 
 
 def run_apart(
@@ -113,6 +135,14 @@ def main() -> None:
     parser.add_argument("--setup", nargs="+", choices=sorted(SETUPS), default=[])
     parser.add_argument("--domain", type=int, default=20, help="first ROS domain; 20 for each job are used")
     parser.add_argument("--work", type=Path, default=Path("/tmp/tel_faults"), help="for runs and results")
+    parser.add_argument(
+        "--again",
+        nargs="+",
+        type=int,
+        default=[],
+        metavar="INDEX",
+        help="inject these again; what was found before stays on the page",
+    )
     parser.add_argument("--stored", action="store_true", help="inject nothing; tell what is stored")
     parser.add_argument(
         "--keep", action="store_true", help="keep the runs of faults without a violation, too"
@@ -126,6 +156,7 @@ def main() -> None:
     work = options.work / f"seed_{options.seed}"
     work.mkdir(parents=True, exist_ok=True)
     results = work / "results.jsonl"
+    set_aside(results, options.again)
     rows = stored(results, faults)
     done = {row.fault.index for row in rows}
     started = time.monotonic()
@@ -134,6 +165,7 @@ def main() -> None:
     for row in campaign(left, options.jobs, options.domain, runs, options.keep, results):
         rows.append(row)
         print(line(row), flush=True)
+    rows = stored(results, faults) + [row for row in rows if row.skipped]
     rows.sort(key=lambda row: row.fault.index)
     print(table(rows))
     print(f"{len(left)} faults in {(time.monotonic() - started) / 60.0:.1f} min; results: {results}")
