@@ -22,6 +22,8 @@ TINY_SHARE = 0.0025
 """Share of the effort limit that the tests use, on any arm."""
 STILL_SHARE = 0.25
 """Less than this share of that push is none: a set point is as exact as the encoder that it was read from."""
+IDLE_TURNS = 5
+"""A turn of the executor may take no message although there is one."""
 START_S = 30.0
 
 
@@ -75,8 +77,17 @@ class ArmUnderTest:
             assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
             self._executor.spin_once(timeout_sec=0.02)
 
+    def catch_up(self) -> None:
+        """Take what has come while nobody spun: the newest state must not be one of long ago."""
+        idle = 0
+        while idle < IDLE_TURNS:
+            taken = len(self.states)
+            self._executor.spin_once(timeout_sec=0.0)
+            idle = idle + 1 if len(self.states) == taken else 0
+
     def new_states(self, n: int, timeout_s: float = 20.0) -> list[JointState]:
         """Return the next n messages of the arm."""
+        self.catch_up()
         start = len(self.states)
         self.spin_until(lambda: len(self.states) >= start + n, timeout_s, f"{n} states")
         return self.states[start : start + n]
@@ -117,6 +128,7 @@ class ArmUnderTest:
         """Answer n states in turn; return each stamp that was answered, and the state that followed."""
         pairs = []
         for _ in range(n):
+            self.catch_up()
             stamp_ns = time_ns(self.states[-1].header.stamp)
             self.command(values, stamp_ns)
             self.spin_until(lambda s=stamp_ns: self.stamp_ns() > s, 10.0, "the next state")
