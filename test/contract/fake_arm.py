@@ -29,12 +29,14 @@ class FakeArm(Node):
         super().__init__("fake_arm")
         self._node_fault = fault if fault in NODE_FAULTS else ""
         self._arm = FaultyArm("" if self._node_fault else fault, 1.0 / rate_hz, watchdog_s=PATIENT_WATCHDOG_S)
-        self._start_s = time.time()
         self._states = self.create_publisher(JointState, "/joint_states", 10)
         if self._node_fault != "nobody_listens":
             self.create_subscription(Float64MultiArray, "/effort_controller/commands", self._on_command, 10)
         if self._node_fault == "second_commander":
             self.create_publisher(Float64MultiArray, "/effort_controller/commands", 10)
+        # In the middle between two turns of the timer: at their edge a little jitter would make it none and
+        # two periods in turn.
+        self._start_s = time.time() + 0.5 / rate_hz
         self.create_timer(1.0 / rate_hz, self._pass_period)
 
     def _on_command(self, message: Float64MultiArray) -> None:
