@@ -153,6 +153,20 @@ def largest_work_from(effort_nm: FloatArray, position_rad: FloatArray) -> FloatA
     return largest
 
 
+def caught_up_ns(stamp_ns: IntArray, arrived_s: FloatArray, n_before: int, since_ns: int) -> int:
+    """Return the stamp of the first state from a moment on that comes no later than states used to.
+
+    Args:
+        stamp_ns: of states, growing. Shape (n,).
+        arrived_s: when they came, on another clock. Shape (n,).
+        n_before: so many of them, at least one, came before anything was disturbed.
+        since_ns: the moment; returned if none is in time from then on.
+    """
+    delay_s = arrived_s - stamp_ns / NS_PER_S
+    in_time = (stamp_ns >= since_ns) & (delay_s <= np.median(delay_s[:n_before]) + DELAY_S)
+    return int(stamp_ns[np.argmax(in_time)]) if in_time.any() else since_ns
+
+
 def judge(trace: Trace, limits: JointLimits, episode: Episode) -> Verdict:
     """Judge what an arm did after a fault."""
     window = (trace.time_ns >= episode.fault_ns) & (trace.time_ns <= episode.end_ns)
@@ -220,10 +234,8 @@ def _stop(
         caught = _caught(trace.time_ns[segment], effort)
         given_back_j = GIVEN_BACK * float(energy_j.max())
         if len(caught):
-            where_rad = position[caught[0]]
-            given_back_j += GIVEN_BACK * episode.body.sagging_j(where_rad) + episode.body.led_back_j(
-                where_rad
-            )
+            where_rad, body = position[caught[0]], episode.body
+            given_back_j += GIVEN_BACK * body.sagging_j(where_rad) + body.led_back_j(where_rad)
     tolerance_j = episode.work_tolerance_j + given_back_j
     safe = largest_work_from(effort, position) <= tolerance_j
     reaction_s = max(0.0, float(time_s[int(np.argmax(safe))])) if safe.any() else float("inf")

@@ -1,13 +1,13 @@
-"""Kinds of faults, what is right after each of them, and the drawing of a campaign from a seed."""
+"""Kinds of faults, and what is right after each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from fault_setups import COMMAND_AGE_LIMIT_S, RATE_HZ, TRIAL_S, WATCHDOG_S
+from fault_setups import COMMAND_AGE_LIMIT_S, RATE_HZ, WATCHDOG_S
 
 from tel_ros.app.bring_up import MODULES
 
@@ -74,25 +74,6 @@ class Kind:
     codes: tuple[int, ...] = ()
     weight: float = 1.0
     interrupt_after_s: float | None = None
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One fault of a campaign, reproducible from its fields.
-
-    Args:
-        index: in the campaign, from 1.
-        kind: name of its kind.
-        setup: name of the graph.
-        offset_s: when, in arm time, after the first tick of a trial.
-        parameters: of the kind.
-    """
-
-    index: int
-    kind: str
-    setup: str
-    offset_s: float
-    parameters: Parameters = field(default_factory=dict)
 
 
 def _nothing(rng: np.random.Generator) -> Parameters:
@@ -370,7 +351,7 @@ KINDS: dict[str, Kind] = {
             "The kernel ends the nodes, the controller brakes before it goes; nobody is left to say so but "
             "the "
             "log of the controller.",
-            *(_nothing, _always("end"), "CANCELLED"),
+            *(_nothing, _always("end"), "CANCELLED|completed"),
             setups=EVERYWHERE,
             ends_run=True,
             codes=(-9,),
@@ -461,59 +442,3 @@ KINDS: dict[str, Kind] = {
         ),
     )
 }
-
-_SETUP_WEIGHTS = {"planar": 0.5, "planar_3": 0.15, "iiwa": 0.1, "lockstep": 0.15, "iiwa_lockstep": 0.1}
-_END_SHARE = 0.3
-"""Of all faults that end a run: each of these costs a graph that has to come up."""
-
-
-def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = ()) -> list[Fault]:
-    """Draw a campaign: the same faults for the same arguments.
-
-    Every kind comes first once, as far as ``n`` goes; then they are drawn by weight.
-
-    Args:
-        n: number of faults.
-        seed: of everything that is drawn.
-        kinds: only these; all if empty.
-        setups: only these graphs; all if empty.
-    """
-    rng = np.random.default_rng(seed)
-    graphs = tuple(setups) or tuple(_SETUP_WEIGHTS)
-    pool = [k for k in KINDS.values() if (not kinds or k.name in kinds) and set(k.setups) & set(graphs)]
-    ending = np.array([kind.ends_run for kind in pool])
-    weights = np.array([kind.weight for kind in pool])
-    for group, share in ((ending, _END_SHARE), (~ending, 1.0 - _END_SHARE)):
-        if group.any():
-            weights[group] *= share / weights[group].sum()
-    order = list(rng.permutation(len(pool)))
-    faults = []
-    for index in range(1, n + 1):
-        k = order.pop() if order else rng.choice(len(pool), p=weights / weights.sum())
-        kind = pool[int(k)]
-        names = [name for name in graphs if name in kind.setups]
-        share = np.array([_SETUP_WEIGHTS[name] for name in names])
-        setup = str(rng.choice(names, p=share / share.sum()))
-        offset_s = round(float(rng.uniform(0.05, TRIAL_S - 0.3)), 3)
-        faults.append(Fault(index, kind.name, setup, offset_s, kind.draw(rng)))
-    return faults
-
-
-def batches(faults: Sequence[Fault], longest: int = 10) -> list[list[Fault]]:
-    """Share faults out among graphs: some that a run survives, then one that ends it.
-
-    Args:
-        faults: to share out.
-        longest: most faults of one graph.
-    """
-    shared: list[list[Fault]] = []
-    for setup in dict.fromkeys(fault.setup for fault in faults):
-        ours = [fault for fault in faults if fault.setup == setup]
-        ends = [fault for fault in ours if KINDS[fault.kind].ends_run]
-        rides = [fault for fault in ours if not KINDS[fault.kind].ends_run]
-        n_graphs = max(len(ends), -(-len(rides) // (longest - 1)), 1)
-        parts = [rides[k::n_graphs] for k in range(n_graphs)]
-        for k, end in enumerate(ends):
-            parts[k].append(end)
-        shared += [part for part in parts if part]
-    return shared

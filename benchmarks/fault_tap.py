@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import os
 import threading
 import time
 from array import array
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from fault_judge import Control, Trace
@@ -30,6 +27,7 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
+from tel_ros.nodes.realtime import set_priority
 from tel_ros.recording import topics
 from tel_ros.recording.serialised import header_stamp_ns, trial_index
 
@@ -272,14 +270,6 @@ class SpunTap:
         self._context.try_shutdown()
 
     def _spin(self) -> None:
-        if self._priority:
-            _hurry(self._priority)
+        # Not the main thread: it judges, and would keep a core from everybody for so long.
+        set_priority(self._priority, but=[threading.main_thread().native_id or 0])
         spin_hot(self.tap, self._executor, self.tap.busy_subscriptions, self._ended.is_set)
-
-
-def _hurry(priority: int) -> None:
-    """Give every thread of this process but the main one a priority, if that is permitted."""
-    for task in Path("/proc/self/task").iterdir():
-        if int(task.name) != os.getpid():
-            with suppress(ProcessLookupError, PermissionError):
-                os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))

@@ -22,8 +22,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from fault_campaign import Row, run_batch
-from fault_kinds import KINDS, Fault, batches, plan
+from fault_kinds import KINDS
 from fault_page import table, write_page
+from fault_plan import Fault, batches, plan
 from fault_setups import SETUPS
 
 ROOT = Path(__file__).parents[1]
@@ -36,31 +37,31 @@ DOMAINS_PER_JOB = 20
 
 
 def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
-    """Return the rows of these very faults that are in the file already."""
-    rows = _read(results, faults)
-    for index, before in _read(results.with_name(SUPERSEDED), faults).items():
-        if index in rows and before.violations:
-            found = f"{'; '.join(before.violations)} (injected again when asked to)"
-            rows[index].earlier = [*before.earlier, found, *rows[index].earlier]
+    """Return the rows of these very faults that are in the file already, with what was found before."""
+    rows = {row.fault.index: row for row in _read(results, faults)}
+    for before in reversed(_read(results.with_name(SUPERSEDED), faults)):
+        row = rows.get(before.fault.index)
+        if row is not None and before.violations:
+            row.earlier.insert(0, f"{'; '.join(before.violations)} (injected again when asked to)")
     return list(rows.values())
 
 
-def _read(results: Path, faults: Sequence[Fault]) -> dict[int, Row]:
+def _read(results: Path, faults: Sequence[Fault]) -> list[Row]:
     if not results.exists():
-        return {}
+        return []
     wanted = {fault.index: asdict(fault) for fault in faults}
-    rows = {}
+    rows = []
     for line in results.read_text(encoding="utf-8").splitlines():
         values = json.loads(line)
         fault = values.pop("fault")
         if wanted.get(fault["index"]) == fault:
-            rows[fault["index"]] = Row(Fault(**fault), **values)
+            rows.append(Row(Fault(**fault), **values))
     return rows
 
 
 def set_aside(results: Path, again: Collection[int]) -> None:
     """Move the results of some faults to another file, so that they are injected again."""
-    lines = results.read_text(encoding="utf-8").splitlines(keepends=True) if results.exists() else []
+    lines = results.read_text(encoding="utf-8").splitlines(keepends=True)
     aside = [line for line in lines if json.loads(line)["fault"]["index"] in again]
     with results.with_name(SUPERSEDED).open("a", encoding="utf-8") as file:
         file.writelines(aside)
@@ -156,7 +157,8 @@ def main() -> None:
     work = options.work / f"seed_{options.seed}"
     work.mkdir(parents=True, exist_ok=True)
     results = work / "results.jsonl"
-    set_aside(results, options.again)
+    if options.again and results.exists():
+        set_aside(results, options.again)
     rows = stored(results, faults)
     done = {row.fault.index for row in rows}
     started = time.monotonic()

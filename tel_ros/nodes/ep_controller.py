@@ -68,8 +68,8 @@ class EpControllerNode(ManagedNode):
         self._interface = config.arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
         self._rest_speed_rad_s = config.control.settle_speed_rad_s
-        self._new_rest = partial(RestDetector, self._rest_speed_rad_s, config.control.settle_time_s)
-        self._rest, self._rests = self._new_rest(), False
+        self._rest = RestDetector(self._rest_speed_rad_s, config.control.settle_time_s)
+        self._rests = False
         self._answers_between_trials = not config.arm_waits_for_commands
         self._state_timeout_s = (
             config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
@@ -202,7 +202,6 @@ class EpControllerNode(ManagedNode):
         if self._reader.estimated != self._estimated:
             self._say_what_is_estimated()
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
-        went_back = self._seen is not None and state.time_ns < self._seen.time_ns
         if is_new:
             self._states.count += 1
             if self._lateness is not None:
@@ -212,10 +211,7 @@ class EpControllerNode(ManagedNode):
             self._last_state_at = time.monotonic()
         if self._acts:
             self._act_on(state)
-        # The command is on its way: the arm does not wait for this.
-        if went_back:
-            self._rest = self._new_rest()
-        if is_new:
+        if is_new:  # the command is on its way: the arm does not wait for this
             self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
 
     def _act_on(self, state: ArmState) -> None:

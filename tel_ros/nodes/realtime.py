@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,11 +49,12 @@ def apply_realtime_options(node: Node, control: ControlConfig) -> None:
             node.get_logger().warning(outcome.text)
 
 
-def set_priority(priority: int) -> OptionOutcome | None:
+def set_priority(priority: int, but: Collection[int] = ()) -> OptionOutcome | None:
     """Give all threads of this process a SCHED_FIFO priority; those of the middleware deliver the messages.
 
     Args:
         priority: 1 to 99; 0: nothing is asked for.
+        but: native ids of threads that stay as they are.
 
     Returns:
         What became of it; None if nothing was asked for.
@@ -62,6 +64,8 @@ def set_priority(priority: int) -> OptionOutcome | None:
     done = 0
     try:
         for task in _TASKS.iterdir():
+            if int(task.name) in but:
+                continue
             try:
                 os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
                 done += 1

@@ -19,6 +19,7 @@ from fault_judge import (  # noqa: E402
     JointLimits,
     Trace,
     Verdict,
+    caught_up_ns,
     judge,
     largest_work_from,
 )
@@ -197,6 +198,20 @@ def test_springs_that_catch_what_fell_may_lift_its_weight_once_more(work_j: floa
         return any("drove the arm until" in text for text in found)
 
     assert drove(lifted) == is_driven
+    # An arm whose driver stands still says nothing meanwhile: that it was let go tells the time.
+    heard = np.r_[:55, 197:N]
+    assert (
+        drove(
+            replace(
+                lifted,
+                time_ns=stamps[heard],
+                position_rad=lifted.position_rad[heard],
+                velocity_rad_s=lifted.velocity_rad_s[heard],
+                effort_nm=lifted.effort_nm[heard],
+            )
+        )
+        == is_driven
+    )
     effort[:200] = 1e-9  # held all the time: it never fell
     assert drove(replace(lifted, effort_nm=effort[:, None]))
 
@@ -314,3 +329,14 @@ def test_the_largest_work_counts_what_comes_back_after_braking() -> None:
     position = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
     work_j = largest_work_from(effort[:, None], position[:, None])
     assert work_j.tolist() == [6.0, 6.0, 6.0, 6.0, 3.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("late_s", "calm_ns"), [((0.3, 0.2, 0.012, 0.009), 1_012_000_000), ((0.3,) * 4, 1_000_000_000)]
+)
+def test_a_simulation_that_stood_still_is_calm_once_its_states_are_as_punctual_as_before(
+    late_s: tuple[float, ...], calm_ns: int
+) -> None:
+    stamps = np.array([0, 4, 8, 1_000, 1_004, 1_008, 1_012]) * 1_000_000
+    arrived = 5000.0 + stamps / 1e9 + np.array([0.001, 0.001, 0.05, *np.array(late_s) + 0.001])
+    assert caught_up_ns(stamps, arrived, n_before=3, since_ns=1_000_000_000) == calm_ns

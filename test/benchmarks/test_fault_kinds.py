@@ -15,8 +15,9 @@ from std_msgs.msg import Float64MultiArray
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
 
-from fault_kinds import EXPECTATIONS, KINDS, batches, plan  # noqa: E402
+from fault_kinds import EXPECTATIONS, KINDS  # noqa: E402
 from fault_messages import Message, corruption  # noqa: E402
+from fault_plan import batches, plan  # noqa: E402
 
 from tel_ros.nodes.conversions import time_ns, to_time  # noqa: E402
 

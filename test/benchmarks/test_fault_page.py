@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,9 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
 
 from fault_campaign import Row  # noqa: E402
-from fault_kinds import Fault, plan  # noqa: E402
 from fault_page import table, write_page  # noqa: E402
-from faults import stored  # noqa: E402
+from fault_plan import Fault, plan  # noqa: E402
+from faults import set_aside, stored  # noqa: E402
 
 
 @pytest.fixture
@@ -79,3 +80,23 @@ def test_results_of_another_campaign_are_not_taken_for_this_one(tmp_path: Path) 
     results = tmp_path / "results.jsonl"
     results.write_text("".join(Row(fault).as_json() + "\n" for fault in plan(6, 1)))
     assert stored(results, plan(6, 2)) == []
+
+
+def test_what_was_found_before_a_fault_was_injected_again_is_kept(tmp_path: Path, rows: list[Row]) -> None:
+    results = tmp_path / "results.jsonl"
+    faults = [row.fault for row in rows]
+
+    def store(*violations: str) -> None:
+        with results.open("a", encoding="utf-8") as file:
+            file.write(replace(rows[0], violations=list(violations)).as_json() + "\n")
+
+    results.write_text("".join(row.as_json() + "\n" for row in rows[1:3]), encoding="utf-8")
+    for violation in ("first", "second"):
+        store(violation)
+        set_aside(results, [faults[0].index])
+        assert faults[0] not in [row.fault for row in stored(results, faults)], "it is to be injected again"
+    store()
+    found = {row.fault.index: row for row in stored(results, faults)}
+    assert [text.split()[0] for text in found[faults[0].index].earlier] == ["first", "second"]
+    assert found[faults[0].index].violations == []
+    assert found[faults[1].index] == rows[1]

@@ -50,6 +50,14 @@ def test_nothing_is_asked_for_by_default(monkeypatch: pytest.MonkeyPatch) -> Non
     assert realtime.lock_memory(False) is None
 
 
+def test_threads_that_are_to_stay_as_they_are_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda thread, *args: asked.append(thread))
+    monkeypatch.setattr(realtime, "_TASKS", _Tasks([11, 12, 13]))
+    realtime.set_priority(42, but=[12])
+    assert asked == [11, 13]
+
+
 def test_every_thread_gets_the_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[int, int, int]] = []
 

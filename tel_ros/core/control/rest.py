@@ -26,8 +26,11 @@ class RestDetector:
         """Take in one measured position, shape (n_joints,), and return whether the arm is at rest by now."""
         positions, reference, most = position_rad.tolist(), self._reference_rad, self._distance_rad
         # In the control loop: so few numbers are compared faster one by one than as arrays.
-        if reference is None or any(
-            not -most <= q - before <= most for q, before in zip(positions, reference, strict=True)
+        went_back = time_ns < self._since_ns  # how long the arm has been where it is, nobody knows then
+        if (
+            reference is None
+            or went_back
+            or any(not -most <= q - before <= most for q, before in zip(positions, reference, strict=True))
         ):
             self._reference_rad, self._since_ns = positions, time_ns
         return time_ns - self._since_ns >= self._window_ns

@@ -64,7 +64,10 @@ class DriveResponse:
             commanded_nm: until then. Shape (n_joints,).
             reported_nm: NaN where nothing is reported; None: nothing at all is. Shape (n_joints,).
         """
-        if reported_nm is None or not self._watched:
+        if not self._watched:
+            return
+        if reported_nm is None:
+            self._end_silences()
             return
         commanded, reported, dead = commanded_nm.tolist(), reported_nm.tolist(), self._dead
         for j, (wanted, found) in enumerate(zip(commanded, reported, strict=True)):
@@ -86,8 +89,11 @@ class DriveResponse:
     def forgive(self) -> None:
         """Try again what was found dead."""
         self._dead.clear()
-        self._silent_since_ns = [None] * len(self._joints)
+        self._end_silences()
         self.fault = ""
+
+    def _end_silences(self) -> None:
+        self._silent_since_ns = [None] * len(self._joints)
 
     def _answer(self, j: int) -> None:
         self._silent_since_ns[j] = None

@@ -59,3 +59,12 @@ def test_the_window_begins_anew_after_a_motion() -> None:
         for time_s, position in [(0.0, 0.0), (0.15, 0.0), (0.16, 0.5), (0.25, 0.5), (0.35, 0.5), (0.36, 0.5)]
     ]
     assert seen == [False, False, False, False, False, True]
+
+
+def test_a_clock_that_was_set_back_begins_the_window_anew() -> None:
+    detector = RestDetector(SPEED_RAD_S, WINDOW_S)
+    seen = [
+        detector.at_rest(round(time_s * NS_PER_S), np.array([0.0]))
+        for time_s in (100.0, 100.2, 50.0, 50.1, 50.2)
+    ]
+    assert seen == [False, True, False, False, True]

@@ -10,7 +10,12 @@ from two_link import arm_config
 
 from tel_ros.core.config import SafetyConfig
 from tel_ros.core.control.records import ArmState
-from tel_ros.core.safety.drive_response import ANSWERS_TO_BE_KNOWN, PATIENCE_S, DriveResponse
+from tel_ros.core.safety.drive_response import (
+    ANSWERS_TO_BE_KNOWN,
+    OVERDUE_S,
+    PATIENCE_S,
+    DriveResponse,
+)
 from tel_ros.core.safety.layer import SafetyLayer
 
 PERIOD_NS = 2_000_000
@@ -74,6 +79,19 @@ def test_a_driver_that_lets_go_in_the_gaps_of_lost_states_is_not_dead(drive: Dri
         for reported in (0.0, 0.0, 5.0):
             drive.ticks += PATIENT_TICKS  # states in between are lost
             assert drive.run(1, 5.0, reported) == ""
+
+
+def test_an_answer_is_overdue_long_before_a_motor_counts_as_dead(drive: Drive) -> None:
+    def is_overdue_after(ticks: int, commanded: float, reported: float | None) -> bool:
+        assert drive.run(ticks, commanded, reported) == ""
+        return drive.response.is_overdue(drive.ticks * PERIOD_NS)
+
+    overdue_ticks = round(OVERDUE_S * 1e9 / PERIOD_NS)
+    assert not is_overdue_after(overdue_ticks, 5.0, 0.0)
+    assert is_overdue_after(2, 5.0, 0.0)
+    assert not is_overdue_after(1, 5.0, 5.0), "it has answered"
+    assert is_overdue_after(overdue_ticks + 2, 5.0, 0.0)
+    assert not is_overdue_after(1, 5.0, None), "nothing is reported any more: nobody knows"
 
 
 def test_a_dead_motor_lives_again_once_it_answers_even_weakly(drive: Drive) -> None:

@@ -112,9 +112,8 @@ def test_a_joint_that_is_found_beyond_a_soft_limit_is_led_back_and_not_flung(sid
 @pytest.mark.parametrize("why", ["states are late", "the driver refuses"])
 def test_a_soft_limit_waits_for_a_joint_that_it_leads_back_while_the_motors_do_not_act(why: str) -> None:
     safe = layer()
-    limit_nm = 20.0
     for k in range(100):  # the drive is known to answer
-        effort = safe.permit(state(k), np.array([0.2 * limit_nm, 0.0])).effort_nm
+        effort = safe.permit(state(k), np.array([4.0, 0.0])).effort_nm
         safe.response.look(k * PERIOD_NS, effort, effort)
     leans = dataclasses.replace(
         state(0, (2.85, 0.0)),
@@ -122,12 +121,16 @@ def test_a_soft_limit_waits_for_a_joint_that_it_leads_back_while_the_motors_do_n
         effort_nm=np.zeros(2) if why == "the driver refuses" else None,
     )
     safe.none()
+    waiting = []
     for k in range(101, 136):  # 70 ms, in which the limit goes back by 0.05 rad: not yet a dead drive
-        safe.permit(dataclasses.replace(leans, time_ns=k * PERIOD_NS), np.zeros(2))
+        seen = dataclasses.replace(leans, time_ns=k * PERIOD_NS)
+        waiting.append(-safe.permit(seen, np.zeros(2)).effort_nm[0])
     assert not safe.response.fault
-    # The motors act again. Compressed by 0.05 rad the wall would push with 6 N·m.
+    # Whenever the motors act again. Compressed by 0.05 rad the wall would push with 6 N·m; a silence is
+    # noticed 20 ms after the command has become strong (2 N·m), and each period adds 0.18 N·m.
+    assert max(waiting) < 2.0 + 0.18 * 12
     again = dataclasses.replace(leans, time_ns=136 * PERIOD_NS, age_s=0.0, effort_nm=None)
-    assert abs(safe.permit(again, np.zeros(2)).effort_nm[0]) < 2.1
+    assert -safe.permit(again, np.zeros(2)).effort_nm[0] < 2.0 + 0.18 * 12
 
 
 def test_a_joint_that_is_led_back_and_goes_out_again_is_pushed_back_at_once() -> None:
