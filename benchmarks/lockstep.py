@@ -1,6 +1,6 @@
 """How fast the whole graph runs in lockstep, beside two bare processes that exchange the same messages.
 
-    .venv/bin/python benchmarks/lockstep.py
+    .venv/bin/python benchmarks/lockstep.py [--priority 10]
 
 The bare pair does nothing but answer each other through rclpy's executor: the ratio of the two says what the
 arm, the controller and the recorder cost, whatever machine this is.
@@ -128,11 +128,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=ROOT / "config" / "paper.yaml")
     parser.add_argument("--trials", type=int, default=4)
+    parser.add_argument("--priority", type=int, default=0, help="control.realtime_priority of the graph")
     options = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     bare = bare_round_trips_per_s()
     with tempfile.TemporaryDirectory() as folder:
-        overrides = [f"practice.trials={options.trials}"]
+        overrides = [
+            f"practice.trials={options.trials}",
+            f"control.realtime_priority={options.priority}",
+        ]
         summary, cpu_s, moving_s = practice(options.config, Path(folder) / "run", overrides)
     trials, rate_hz = summary["trials"], summary["config"]["control"]["rate_hz"]
     ticks, wall_s = sum(t["ticks"] for t in trials), sum(t["wall_s"] for t in trials)

@@ -104,13 +104,13 @@ class SimBridgeNode(Node):
             callback_group=BusyGroup(),
         )
         self.busy_subscriptions = [commands]
+        apply_realtime_options(self, config.control)
         if self._lockstep:
             # While commands keep coming nothing else is urgent, and each turn of it holds the graph up.
             self.turn_period_s = LOCKSTEP_TURN_PERIOD_S
             self.create_timer(REPEAT_PERIOD_S, self._repeat)
             self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
         else:
-            apply_realtime_options(self, config.control)
             # In this order: if anything comes between, states look older than they are, not from the future.
             self._start_ns = self.get_clock().now().nanoseconds
             self.pace = _RealTime(self._period_s, self._pass_periods)

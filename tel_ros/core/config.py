@@ -325,8 +325,8 @@ class ControlConfig:
     """A trial with springs more than this many times as stiff or as damped as the arm's, or less than one in
     this many, is refused."""
     realtime_priority: int = 0
-    """SCHED_FIFO priority of the controller (and of the simulated arm in real time), 1 to 98, where
-    permitted; 0: scheduled like any other program. No effect in lockstep."""
+    """SCHED_FIFO priority of the controller and the simulated arm, 1 to 98, where permitted; 0: scheduled
+    like any other program."""
     lock_memory: bool = False
     """Keep the memory of the same nodes from being swapped out, where permitted. No effect in lockstep."""
 

@@ -119,8 +119,7 @@ class EpControllerNode(ManagedNode):
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
         self.get_logger().info("waits to be configured and activated")
-        if not config.arm_waits_for_commands:
-            apply_realtime_options(self, config.control)
+        apply_realtime_options(self, config.control)
 
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""

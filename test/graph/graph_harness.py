@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,13 @@ def _runs(process: psutil.Process) -> bool:
         return False
 
 
+def _moves(newest: list[ControlState]) -> bool:
+    """Return whether the newest control state, if there is one, is of an arm in mid-motion."""
+    if not newest or newest[0].phase != ControlState.RUN:
+        return False
+    return max(abs(speed) for speed in newest[0].velocity_rad_s) > MOVING_RAD_S
+
+
 def wait_until(condition: Callable[[], bool], timeout_s: float, what: str) -> None:
     """Wait for a condition; fail the test when it does not come."""
     end = time.monotonic() + timeout_s
@@ -165,6 +173,12 @@ class Graph:
         end = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < end, f"{what} did not come within {timeout_s} s\n{self._logs()}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def spin_for(self, duration_s: float) -> None:
+        """Spin the client for a while."""
+        end = time.monotonic() + duration_s
+        while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
 
     def listen(self, kind: type, topic: str, depth: int = 1000) -> list[Any]:
@@ -221,22 +235,44 @@ class Graph:
         Simulated time runs on while this process waits for a core: so the trial is long, and only the
         newest state is looked at, never a queue of older ones.
         """
+        with self._newest_control_state() as newest:
+            handle = self.send(self.goal(duration_s))
+            end = handle.get_result_async()
+
+            def moves() -> bool:
+                assert not end.done(), f"the trial has ended without that: {end.result().result.result}"
+                return _moves(newest)
+
+            self.spin_until(moves, 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
+        return handle
+
+    @contextmanager
+    def time_stopped_in_motion(self) -> Iterator[None]:
+        """Keep the process of the simulated arm stopped while that is in mid-motion (in lockstep)."""
+        with self._newest_control_state() as newest:
+            for _ in range(20):  # between the look and the signal the arm may have come to a turn of its path
+                self.spin_until(lambda: _moves(newest), 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
+                self.signal("sim_bridge", signal.SIGSTOP)
+                try:
+                    self.spin_for(0.2)  # for what is under way
+                    if _moves(newest):
+                        yield
+                        return
+                finally:
+                    self.signal("sim_bridge", signal.SIGCONT)
+        raise AssertionError("the arm was never stopped in mid-motion")
+
+    @contextmanager
+    def _newest_control_state(self) -> Iterator[list[ControlState]]:
+        """Return a list that has the newest control state, or none yet."""
         newest: list[ControlState] = []
         listener = self.node.create_subscription(
             ControlState, topics.CONTROL_STATES, lambda message: newest.__setitem__(slice(None), [message]), 1
         )
-        handle = self.send(self.goal(duration_s))
-        end = handle.get_result_async()
-
-        def moves() -> bool:
-            assert not end.done(), f"the trial has ended without that: {end.result().result.result}"
-            if not newest or newest[0].phase != ControlState.RUN:
-                return False
-            return max(abs(speed) for speed in newest[0].velocity_rad_s) > MOVING_RAD_S
-
-        self.spin_until(moves, 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
-        self.node.destroy_subscription(listener)
-        return handle
+        try:
+            yield newest
+        finally:
+            self.node.destroy_subscription(listener)
 
     def where_time_stands_still(self) -> JointState:
         """Return the state that the simulated arm was left in: in lockstep it waits there for an answer."""

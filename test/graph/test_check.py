@@ -157,11 +157,13 @@ def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener)
     states: list[JointState] = []
-    listener.create_subscription(JointState, topics.JOINT_STATES, states.append, 5000)
     command = [sys.executable, "-c", PATIENT_CHECK, str(CONFIG), *EXTERNAL, "--yes"]
     fake_arm("no_watchdog")  # so that nothing but the check's own last command can switch the effort off
     try:
         for _ in range(3):  # on a machine that stands still the check may be over before the signal comes
+            # Heard anew each time, and only the newest: an old pulse is no sign that this check has begun.
+            states.clear()
+            subscription = listener.create_subscription(JointState, topics.JOINT_STATES, states.append, 1)
             process = subprocess.Popen(
                 command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
@@ -170,6 +172,7 @@ def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
             _, err = process.communicate(timeout=20.0)
             if process.returncode not in (0, 1):
                 break
+            listener.destroy_subscription(subscription)
         assert process.returncode == 130, err
         assert "zero effort was commanded" in err
         seen = len(states)

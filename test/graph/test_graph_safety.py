@@ -38,7 +38,8 @@ def test_an_emergency_stop_brakes_the_arm_and_lasts_until_its_reset(graph: Start
     running.wait_for_controller()
     assert not trigger(running, topics.SAFETY_RESET).success  # there is nothing to reset
     trial = running.start_moving()
-    assert trigger(running, topics.SAFETY_STOP).success
+    with running.time_stopped_in_motion():
+        assert trigger(running, topics.SAFETY_STOP).success
     running.spin_until(lambda: bool(stopped) and stopped[-1].data, 10.0, "the latched topic")
     result = running.result(trial, 120.0)
     assert result.outcome == TrialResult.ABORTED
@@ -88,13 +89,9 @@ def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -
     running = graph(["sim_bridge", "ep_controller"], *PATIENT)
     running.wait_for_controller()
     running.start_moving()
-    # The arm's time stands still with its process: it is in mid-motion for as long as that lasts.
-    running.signal("sim_bridge", signal.SIGSTOP)
-    try:
+    with running.time_stopped_in_motion():
         assert trigger(running, topics.SAFETY_STOP).success
         answer = trigger(running, topics.SAFETY_RESET)
-    finally:
-        running.signal("sim_bridge", signal.SIGCONT)
     assert not answer.success
     assert "not at rest yet" in answer.message
 

@@ -72,3 +72,15 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     assert max(abs(v) for v in running.where_time_stands_still().velocity) < 0.1
     assert state(running) == State.PRIMARY_STATE_FINALIZED
     running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever
+
+
+@pytest.mark.parametrize("name", ["sim_bridge", "ep_controller"])
+def test_what_is_asked_of_the_operating_system_is_asked_in_lockstep_too(graph: StartGraph, name: str) -> None:
+    running = graph([name], "control.lock_memory=true")
+
+    def answered() -> bool:
+        return any(
+            words in running.log(name) for words in ("memory is locked", "control.lock_memory refused")
+        )
+
+    running.spin_until(answered, 20.0, "what became of it")
