@@ -99,8 +99,7 @@ def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -
 def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_after_aborts(
     tel: Callable[..., TelProcess], domain: int
 ) -> None:
-    run = tel(*QUICK, "practice.strategy=adaptive_extension")
-    run.wait_until_moving(trial=1)
+    run = tel(*QUICK, "practice.strategy=adaptive_extension", "practice.first_duration_s=12.0")
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     try:
@@ -108,7 +107,8 @@ def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         client = node.create_client(Trigger, topics.SAFETY_STOP)
-        assert client.wait_for_service(20.0)
+        assert client.wait_for_service(60.0)
+        run.wait_until_moving(trial=1)
         answer = client.call_async(Trigger.Request())
         executor.spin_until_future_complete(answer, 20.0)
         assert answer.result().success

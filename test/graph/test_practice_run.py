@@ -26,6 +26,8 @@ pytestmark = pytest.mark.timeout(150)
 
 STOOD_STILL_S = 0.05
 PERIOD_NS = 2_000_000
+LONG_SECOND_TRIAL = (*QUICK, "practice.trials=2", "practice.durations_s=[3.0, 12.0]")
+"""Whoever does something in mid-trial has seconds for it, also where this process waits for a core."""
 NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager"]
 
 
@@ -110,7 +112,7 @@ def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
 @pytest.mark.parametrize("victim", NODES)
 def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel, victim: str) -> None:
     # Without its arm the controller waits for so long before it gives up braking.
-    run = tel(*QUICK, "sim.lockstep_timeout_s=3.0")
+    run = tel(*LONG_SECOND_TRIAL, "sim.lockstep_timeout_s=3.0")
     nodes = run.wait_until_moving(trial=2)
     assert sorted(nodes) == sorted(NODES)
     nodes[victim].kill()
@@ -124,7 +126,7 @@ def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel
 
 
 def test_an_interrupted_run_brings_the_arm_to_rest_and_ends_every_process(tel: Tel) -> None:
-    run = tel(*QUICK)
+    run = tel(*LONG_SECOND_TRIAL)
     run.wait_until_moving(trial=2)
     run.process.send_signal(signal.SIGINT)
     code, _, err = run.finish()
