@@ -80,9 +80,17 @@ def checked(*arguments: str) -> tuple[int, dict[tuple[str, str], dict[str, str]]
         code, out, err = run(*arguments, "--yes", "--json")
         assert out, err
         findings = {(f["check"], f["joint"]): f for f in json.loads(out)["findings"]}
-        if "no joint state for" not in findings.get(("pulses", ""), {"measured": ""})["measured"]:
+        if not stood_still(findings):
             break
     return code, findings
+
+
+def stood_still(findings: dict[tuple[str, str], dict[str, str]]) -> bool:
+    """Return whether states were missing: pulses ended early, or too few of them show how a joint moved."""
+    pulses = findings.get(("pulses", ""))
+    if pulses is not None:
+        return "no joint state for" in pulses["measured"]
+    return any("hardly moved" in finding["measured"] for finding in findings.values())
 
 
 def spin_until(executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout_s: float) -> None:
