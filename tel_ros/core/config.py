@@ -328,7 +328,7 @@ class ControlConfig:
     """SCHED_FIFO priority of the controller and the simulated arm, 1 to 98, where permitted; 0: scheduled
     like any other program."""
     lock_memory: bool = False
-    """Keep the memory of the same nodes from being swapped out, where permitted. No effect in lockstep."""
+    """Keep the memory of the same nodes from being swapped out, where permitted."""
 
     def __post_init__(self) -> None:
         _require_positive(

@@ -86,11 +86,14 @@ def checked(*arguments: str) -> tuple[int, dict[tuple[str, str], dict[str, str]]
 
 
 def stood_still(findings: dict[tuple[str, str], dict[str, str]]) -> bool:
-    """Return whether states were missing: pulses ended early, or too few of them show how a joint moved."""
+    """Return whether states were missing: pulses ended early, or a joint seen to obey has "hardly moved"."""
     pulses = findings.get(("pulses", ""))
     if pulses is not None:
         return "no joint state for" in pulses["measured"]
-    return any("hardly moved" in finding["measured"] for finding in findings.values())
+    obeying = [
+        joint for (name, joint), f in findings.items() if (name, f["verdict"]) == ("sign of effort", "ok")
+    ]
+    return any("hardly moved" in findings["velocity", joint]["measured"] for joint in obeying)
 
 
 def spin_until(executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout_s: float) -> None:
