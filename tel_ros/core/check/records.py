@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,16 +52,22 @@ class StateRecord:
     def resolution_rad(self) -> FloatArray:
         """Return what positions cannot tell apart, from states of an arm at rest or in motion.
 
-        The smallest step that was seen, which is that of the encoder; or the noise from one state to the next
-        where the joint has not moved over all, whichever is more. Zero for a joint that has not changed.
-        Shape (n_joints,).
+        The smallest step that was seen, which is that of the encoder, or the noise from one state to the
+        next, whichever is more. Zero for a joint that has not changed. Shape (n_joints,).
         """
-        steps = np.abs(np.diff(self.position_rad, axis=0))
+        steps = np.diff(self.position_rad, axis=0)
+        # Of a joint that moves a step is motion, but how steps differ is not; and steps of an encoder differ
+        # by steps of the encoder.
+        changes = np.diff(steps, axis=0)
+        both = np.abs(np.concatenate([steps, changes]))
         # What rounding in the driver's own arithmetic makes of equal readings is no step.
-        steps[steps < 1e-9] = 0.0
-        smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0, initial=np.inf)
+        both[both < 1e-9] = 0.0
+        smallest = np.where(both > 0.0, both, np.inf).min(axis=0, initial=np.inf)
         smallest[~np.isfinite(smallest)] = 0.0
-        noise = np.median(steps, axis=0) if len(steps) else np.zeros(len(self.joints))
+        if not len(changes):
+            return np.asarray(smallest, dtype=np.float64)
+        # The variance of the difference of two neighbouring steps is three times that of a step.
+        noise = np.median(both[len(steps) :], axis=0) / math.sqrt(3.0)
         return np.asarray(np.maximum(smallest, noise), dtype=np.float64)
 
 

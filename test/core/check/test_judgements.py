@@ -15,6 +15,7 @@ from tel_ros.core.check.response import wiring
 from tel_ros.core.check.velocity import judge_velocity
 
 JOINTS = ("shoulder", "elbow")
+COLUMNS = ("received_s", "stamp_ns", "age_s", "position_rad", "velocity_rad_s", "effort_nm")
 STATES = [("broadcaster", "sensor_msgs/msg/JointState", "reliable")]
 LISTENER = [("effort_controller", "std_msgs/msg/Float64MultiArray", "reliable")]
 
@@ -99,6 +100,38 @@ def test_a_velocity_that_is_late_by_a_filter_is_still_right() -> None:
     position = np.column_stack([np.sin(3 * time_s)] * 2)
     velocity = np.column_stack([3 * np.cos(3 * (time_s - 0.005))] * 2)
     assert bad(judge_velocity(record(1000, position_rad=position, velocity_rad_s=velocity))) == []
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 500.0])
+def test_a_steady_motion_is_not_taken_for_noise_of_the_position(rate_hz: float) -> None:
+    time_s = np.arange(round(2.0 * rate_hz)) / rate_hz
+    position, velocity = (np.column_stack([values] * 2) for values in (np.sin(time_s), np.cos(time_s)))
+    states = record(len(time_s), 1.0 / rate_hz, position_rad=position, velocity_rad_s=velocity)
+    assert {finding.verdict for finding in judge_velocity(states)} == {Verdict.OK}
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_noise_of_the_position_is_told_whether_a_joint_moves_or_not(moves: bool) -> None:
+    noise_rad = 1e-3 * np.random.default_rng(3).normal(size=(2000, 2))
+    ramp_rad = np.outer(np.linspace(0.0, 20.0, 2000), [1.0, 1.0])
+    resolution_rad = record(2000, position_rad=noise_rad + moves * ramp_rad).resolution_rad()
+    # The median of the difference of two such values.
+    assert resolution_rad == pytest.approx([0.954e-3] * 2, rel=0.1)
+
+
+def test_a_joint_whose_states_were_lost_while_it_moved_is_not_said_to_have_hardly_moved() -> None:
+    time_s = 0.002 * np.arange(1000)
+    position = np.column_stack([np.sin(time_s), np.zeros(1000)])
+    velocity = np.column_stack([np.cos(time_s), np.zeros(1000)])
+    whole = record(1000, position_rad=position, velocity_rad_s=velocity)
+    heard = np.concatenate([whole.between(a, a + 0.06).received_s for a in (10.0, 10.6, 11.2)])
+    kept = np.isin(whole.received_s, heard[: -len(heard) // 3])
+    lost = StateRecord(JOINTS, *(getattr(whole, name)[kept] for name in COLUMNS))
+    moved, still = judge_velocity(lost)
+    assert (moved.verdict, still.verdict) == (Verdict.NOT_CHECKED, Verdict.NOT_CHECKED)
+    assert moved.measured == "2 times 50 ms of clear motion, at least 3 are needed"
+    assert "states missing" in moved.mend
+    assert still.measured == "the joint has hardly moved"
 
 
 def test_a_coarse_effort_is_a_warning() -> None:
