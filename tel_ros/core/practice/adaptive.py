@@ -94,13 +94,21 @@ class AdaptiveExtension:
         self._repeated_once = False
 
     def outlook(self) -> Sequence[Movement]:
-        """Return the movements that are still to come if every step is about a quarter of the ease."""
+        """Return the movements that are still to come if every step is about a quarter of the ease.
+
+        Before the first trial they lead to the goal, then they are no more than there are trials left.
+        """
         ease, goal = self._ease, self._course.goal_ease
         eases = [ease] if self._plan is None else []
         while ease > goal:
             ease = max(goal, ease * _OUTLOOK_RATIO)
             eases.append(ease)
-        return [self._course.movement(ease) for ease in eases]
+        return [self._course.movement(ease) for ease in eases[: self.trials_left]]
+
+    @property
+    def trials_left(self) -> int | None:
+        """Number of trials that may follow the planned one; None before one is planned."""
+        return None if self._plan is None else max(0, self._practice.trials - self._plan.index)
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""

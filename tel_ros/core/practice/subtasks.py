@@ -58,7 +58,7 @@ class Subtasks:
         movements = list(self._stage.outlook())
         for stage in self._stages[self._current + 1 :]:
             movements += self._strategy(stage, first_index=1).outlook()
-        return movements
+        return movements[: self._stage.trials_left]
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""

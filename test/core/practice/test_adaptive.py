@@ -169,6 +169,17 @@ def test_the_outlook_leads_to_the_goal_and_is_empty_there() -> None:
     assert list(strategy.outlook()) == []
 
 
+@pytest.mark.parametrize("strategy", ["adaptive_extension", "subtasks"])
+def test_the_outlook_has_no_more_than_the_trials_that_are_left_once_practice_has_begun(strategy: str) -> None:
+    made, arm = make_strategy(config_of(strategy=strategy, trials=3)), MadeUpArm(growth_rad=0.4)
+    assert made.outlook()[-1].duration_s == 4.5, "what is checked before anything moves has the goal"
+    left, last = [], None
+    while isinstance(plan := made.next(last, arm.forecast), PlannedTrial):
+        left.append(len(made.outlook()))
+        last = arm.execute(plan)
+    assert left == [2, 1, 0]
+
+
 def test_a_network_from_an_earlier_run_that_does_not_fit_is_not_taken_for_an_unlearned_one() -> None:
     plans, reports, _ = practise(adaptive(), MadeUpArm(frankness=0.01, _known_s=[30.0]))
     assert reports[0].rms_error_rad > 0.02
