@@ -49,8 +49,8 @@ def magnitude(values: FloatArray) -> float:
 
 
 def round_up(value: float) -> float:
-    """Return the next of 1, 2, 5 or 10 times a power of ten: an axis that seldom changes; 1 for 0."""
+    """Return the next of 1, 2.5, 5 or 10 times a power of ten: an axis that seldom changes; 1 for 0."""
     if value <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)
+    return next(step * power for step in (1.0, 2.5, 5.0, 10.0) if step * power >= value)

@@ -102,6 +102,7 @@ class LiveView:
             phase=graph.sample.phase if graph.sample is not None else Phase.IDLE,
             trial=said.trial,
             trials=said.trials,
+            is_open_ended=bool(said.reason),
             stage=said.stage,
             alpha=said.alpha,
             duration_s=said.duration_s,

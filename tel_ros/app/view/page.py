@@ -29,8 +29,10 @@ _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
 _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
 _PLOT_ASPECT = 3.2
-_ROOM = 1.1
-"""Of a plot beyond its last label."""
+_ROOM = 1.2
+"""Of a plot beyond its last label, so that this is not cut off."""
+_LABEL_SPACE_PX = 16
+"""Between labels of the vertical axes: small plots have room for three."""
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
 _RED = "red"
@@ -105,7 +107,7 @@ class Page:
         self._lines["actual"].points = _segments(trial.hand_m)
         time_s = trial.error_rad.time_s
         band = [column for std in trial.std_rad.T for column in (2.0 * std, -2.0 * std)]
-        self._plot("error", time_s, *trial.error_rad.values.T, *band)
+        self._plot("error", time_s, *(1e3 * values for values in (*trial.error_rad.values.T, *band)))
         self._plot("speed", time_s, *trial.speed_rad_s.values.T, *trial.desired_speed_rad_s.T)
         full = np.full_like(time_s, 100.0)
         self._plot("effort", time_s, *(100.0 * trial.effort_share.values.T), full, -full)
@@ -224,15 +226,15 @@ class Page:
         )
         made = {}
         for name, title, series, extra in (
-            ("error", "error [rad], band: ±2 σ expected of the command", [*solid, *faint], bands),
+            ("error", "error [mrad], band: ±2 σ expected of the command", [*solid, *faint], bands),
             ("speed", "speed [rad/s], dashed: desired", [*solid, *dashed], None),
             ("effort", "torque [% of its limit]", [*solid, *limit], None),
         ):
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
                 (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, 1.0),
-                legend=uplot.Legend(show=False), axes=(uplot.Axis(size=34), uplot.Axis(size=56)),
-                aspect=_PLOT_ASPECT,
+                legend=uplot.Legend(show=False), aspect=_PLOT_ASPECT,
+                axes=(uplot.Axis(size=34), uplot.Axis(size=56, space=_LABEL_SPACE_PX)),
             )  # fmt: skip
         key = " ".join(
             f'<span style="color:{c};font-weight:700">{j}</span>'

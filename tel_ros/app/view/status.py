@@ -31,6 +31,8 @@ class Status:
     paused: bool
     answer: str
     """The last answer to a button."""
+    is_open_ended: bool = False
+    """Whether the strategy decides as it goes: how many trials it will be is a guess."""
     alarm: bool = False
     """Whether that answer is bad news."""
 
@@ -46,7 +48,8 @@ def status_html(status: Status) -> str:
     if status.paused:
         what = "paused" if status.stage == "paused" else "pauses after this trial"
         lines.append(_line("paused", what, "#e67700"))
-    about = f"trial {status.trial} of {status.trials}" if status.trial else "no trial"
+    total = f"about {status.trials}" if status.is_open_ended else f"{status.trials}"
+    about = f"trial {status.trial} of {total}" if status.trial else "no trial"
     lines.append(
         f'<div style="font-size:18px" data-testid="trial">{about}'
         f"{f' · α {status.alpha:.3f}' if status.trial else ''}</div>"

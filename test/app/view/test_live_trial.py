@@ -67,7 +67,7 @@ def test_the_range_of_a_plot_holds_its_values_and_ignores_what_is_not_there() ->
     assert magnitude(np.array([np.nan, -0.3, np.inf, 0.2])) == 0.3
     assert magnitude(np.full(3, np.nan)) == 0.0
     assert round_up(0.0) == 1.0
-    for value, end in ((0.013, 0.02), (0.3, 0.5), (7.0, 10.0), (9.99, 10.0), (100.0, 100.0)):
+    for value, end in ((0.013, 0.025), (0.3, 0.5), (7.0, 10.0), (9.99, 10.0), (100.0, 100.0)):
         assert round_up(value) == pytest.approx(end)
         assert round_up(value) >= value
 
@@ -176,6 +176,11 @@ def test_what_comes_from_outside_is_text_on_the_page_and_nothing_else() -> None:
         assert "<img" not in html
         assert "&lt;img" in html
     assert 'title="&quot;&lt;img' in history.table()
+
+
+def test_a_number_of_trials_that_is_a_guess_is_said_to_be_one() -> None:
+    assert "trial 3 of 15 " in status_html(status())
+    assert "trial 3 of about 15 " in status_html(status(is_open_ended=True))
 
 
 def test_the_words_tell_a_stop_a_pause_and_an_arm_that_is_silent() -> None:
