@@ -74,7 +74,8 @@ class MadeUpGraph:
     def wait_for(self, condition: Callable[[], bool], what: str) -> None:
         def spun() -> bool:
             self.executor.spin_once(timeout_sec=0.02)
-            self.view.look()
+            self.view.look_at_arm()
+            self.view.look_at_controller()
             return condition()
 
         wait_until(spun, 60.0, what)

@@ -81,7 +81,7 @@ def test_a_pause_holds_the_run_before_its_next_trial_until_it_is_taken_back(
     view = GraphView(person.node, load_config(PAPER), goals.append, lambda feedback: None)
     person.wait_for(lambda: bool(goals) and view.paused, "what the view listens to")
     view.end_run()
-    person.wait_for(lambda: view.look() or bool(view.answer), "the answer")
+    person.wait_for(lambda: view.look_at_arm() or bool(view.answer), "the answer")
     assert view.answer == "stop: the run is ending"
     code, out, _ = run.finish()
     summary = summary_of(out)

@@ -61,13 +61,13 @@ class GraphView:
         """The last answer to something that was asked, and whether it is bad news."""
         self._arm_at = -np.inf
         self._asked: list[tuple[str, bool, float, Any]] = []
-        self._fast: list[Subscription] = [
+        self._arm_states, self._control_states = (
             node.create_subscription(kind, topic, heard, qos.NEWEST, callback_group=BusyGroup())
             for kind, topic, heard in (
                 (JointState, topics.JOINT_STATES, self._on_joint_state),
                 (ControlState, topics.CONTROL_STATES, self._on_control_state),
             )
-        ]
+        )
         node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
         node.create_subscription(Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED)
         node.create_subscription(Bool, topics.PAUSED, self._on_paused, qos.LATCHED)
@@ -88,12 +88,14 @@ class GraphView:
         """How long ago the last joint state was heard; inf: none was."""
         return time.monotonic() - self._arm_at
 
-    def look(self) -> None:
-        """Take the newest messages of the fast topics, and see whether what was asked has been answered."""
-        if serves_itself():  # else the executor does it
-            for subscription in self._fast:
-                take(subscription)
+    def look_at_arm(self) -> None:
+        """Take the newest state of the arm, and see whether what was asked has been answered."""
+        _take(self._arm_states)
         self._look_for_answers()
+
+    def look_at_controller(self) -> None:
+        """Take the newest state of the controller."""
+        _take(self._control_states)
 
     def emergency_stop(self) -> None:
         """Ask for the emergency stop in software."""
@@ -160,6 +162,11 @@ class GraphView:
 
     def _on_paused(self, message: Bool) -> None:
         self.paused = message.data
+
+
+def _take(subscription: Subscription) -> None:
+    if serves_itself():  # else the executor does it
+        take(subscription)
 
 
 def _said(response: Any) -> tuple[bool, str]:

@@ -13,6 +13,10 @@ from tel_ros.core.types import FloatArray
 
 PATH_POINTS = 200
 """Of a path that is drawn: more cannot be told apart on a screen."""
+MEASURED_POINTS = 400
+"""At most, of the measured path in the time of the movement: it may shake."""
+GAP_SHARE = 0.05
+"""Points that are further apart than this share of the duration have nothing drawn between them."""
 HOLD_SHARE = 0.1
 """How much of the hold is plotted behind the movement, as a share of its duration."""
 
@@ -66,12 +70,16 @@ class LiveTrial:
         self.std_rad = on_grid(std_rad) if known else np.full_like(self.desired_speed_rad_s, np.nan)
         """Of the error in û, which the error of the motion is compared with; NaN: nothing is known yet."""
         self.is_std_known = known
-        self._hand_m: list[FloatArray] = []
+        self._path_rad: list[FloatArray] = []
+        self._gaps: list[int] = []
+        self._last_point_s = -np.inf
 
     @property
     def hand_m(self) -> FloatArray:
-        """Where the hand has been since the start of RUN. Shape (n, 3)."""
-        return np.array(self._hand_m).reshape(-1, 3)
+        """Where the hand has been since the start of RUN; NaN where that is not known. Shape (n, 3)."""
+        if not self._path_rad:
+            return np.zeros((0, 3))
+        return np.insert(self._chain.hand_positions(np.array(self._path_rad)), self._gaps, np.nan, axis=0)
 
     def see(self, sample: Sample) -> None:
         """Take in a sample of this trial; what is not of its movement is left out."""
@@ -79,11 +87,20 @@ class LiveTrial:
             return
         time_s = sample.time_from_start_s
         if sample.phase in (Phase.RUN, Phase.STOP):
-            self._hand_m.append(self._chain.hand_positions(sample.position_rad[None])[0])
+            self._add_point(time_s, sample.position_rad)
         if sample.phase in (Phase.RUN, Phase.HOLD):
             self.error_rad.add(time_s, sample.position_rad - sample.desired_rad)
         self.speed_rad_s.add(time_s, sample.velocity_rad_s)
         self.effort_share.add(time_s, sample.effort_nm / self._limit_nm)
+
+    def _add_point(self, time_s: float, position_rad: FloatArray) -> None:
+        share = (time_s - self._last_point_s) / self.duration_s
+        if share < 1.0 / MEASURED_POINTS:
+            return
+        if self._path_rad and share > GAP_SHARE:
+            self._gaps.append(len(self._path_rad))
+        self._path_rad.append(position_rad)
+        self._last_point_s = time_s
 
 
 def thinned(n: int) -> FloatArray:

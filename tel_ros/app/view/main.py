@@ -35,6 +35,8 @@ from tel_ros.recording.waypoint_file import load_path
 
 ARM_RATE_HZ = 20.0
 """How often the arm is looked at and drawn."""
+TRIAL_RATE_HZ = 100.0
+"""How often the controller is looked at: the points of a fast path have to be closer than pictures are."""
 _NICENESS = 10
 _WORDS_EVERY = 4
 """Words and plots change with every fourth picture."""
@@ -77,12 +79,16 @@ class LiveView:
         """Close the page."""
         self._server.stop()
 
-    def look(self) -> None:
-        """Look at the graph, and show what has changed."""
+    def follow(self) -> None:
+        """Look where the trial is, and keep it."""
+        self._graph.look_at_controller()
+        if self._graph.sample is not None and self._trial is not None:
+            self._trial.see(self._graph.sample)
+
+    def show(self) -> None:
+        """Look at the arm, and show what has changed."""
         graph, page = self._graph, self._page
-        graph.look()
-        if graph.sample is not None and self._trial is not None:
-            self._trial.see(graph.sample)
+        graph.look_at_arm()
         self._looks += 1
         with self._server.atomic():
             if graph.arm is not None:
@@ -171,7 +177,7 @@ def watch(
         token: the secret in the link.
         port: of the page; 0: any that is free.
         on_open: called with the link when the page is there.
-        ended: looked at about fifty times a second.
+        ended: looked at about a hundred times a second.
 
     Raises:
         TelError: as :class:`LiveView`.
@@ -180,14 +186,17 @@ def watch(
         view = LiveView(config, node, token, port)
         try:
             on_open(view.link)
-            next_look = time.monotonic()
+            next_look = next_picture = time.monotonic()
             while not ended():
+                # From now on, not from when it was due: a view that is late does not hurry.
                 now = time.monotonic()
                 if now >= next_look:
-                    view.look()
-                    # From now on, not from when it was due: a view that is late does not hurry.
-                    next_look = now + 1.0 / ARM_RATE_HZ
-                executor.spin_once(timeout_sec=max(0.0, min(0.02, next_look - time.monotonic())))
+                    view.follow()
+                    next_look = now + 1.0 / TRIAL_RATE_HZ
+                if now >= next_picture:
+                    view.show()
+                    next_picture = now + 1.0 / ARM_RATE_HZ
+                executor.spin_once(timeout_sec=max(0.0, min(next_look, next_picture) - time.monotonic()))
         finally:
             view.close()
 

@@ -232,7 +232,7 @@ class Page:
         ):
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
-                (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, 1.0),
+                (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, _ROOM),
                 legend=uplot.Legend(show=False), aspect=_PLOT_ASPECT,
                 axes=(uplot.Axis(size=34), uplot.Axis(size=56, space=_LABEL_SPACE_PX)),
             )  # fmt: skip
@@ -275,10 +275,14 @@ def _inset(html: str) -> str:
 
 
 def _segments(points_m: FloatArray) -> FloatArray:
-    """Return the segments between points of shape (n, 3): shape (n - 1, 2, 3), or what draws nothing."""
-    if len(points_m) < 2:
-        return _nothing()
-    return np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
+    """Return the segments between points of shape (n, 3), none to or from NaN.
+
+    Returns:
+        Shape (n_segments, 2, 3), at least one: of none the page draws nothing.
+    """
+    segments = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
+    segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+    return segments if len(segments) else _nothing()
 
 
 def _nothing() -> FloatArray:

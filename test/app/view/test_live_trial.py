@@ -7,7 +7,7 @@ import pytest
 
 from tel_ros.app.view.grid_series import GridSeries, magnitude, round_up
 from tel_ros.app.view.history import KEPT_PATHS, EndedTrial, History
-from tel_ros.app.view.live_trial import PATH_POINTS, LiveTrial, Sample
+from tel_ros.app.view.live_trial import MEASURED_POINTS, PATH_POINTS, LiveTrial, Sample
 from tel_ros.app.view.status import Status, status_html
 from tel_ros.app.view.viewpoint import viewpoint
 from tel_ros.core.control.records import Phase, TrialGoal
@@ -88,8 +88,27 @@ def test_the_path_of_the_hand_is_that_of_the_measured_positions_in_the_movement(
     live.see(sample(0.1, 0.7, index=2))
     live.see(sample(0.1, 0.0))
     live.see(sample(0.2, np.pi / 2))
+    live.see(sample(0.2, np.pi / 2))
     live.see(sample(4.2, 0.3, phase=Phase.HOLD))
     assert live.hand_m == pytest.approx(np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]))
+
+
+def test_the_measured_path_has_no_more_points_than_can_be_told_apart_however_often_it_is_looked_at() -> None:
+    live = trial()
+    assert live.hand_m.shape == (0, 3)
+    for time_s in np.repeat(np.linspace(0.0, 4.0, 4001), 2):
+        live.see(sample(time_s, time_s))
+    assert 0.9 * MEASURED_POINTS <= len(live.hand_m) <= MEASURED_POINTS + 1
+    assert live.hand_m[0] == pytest.approx([0.5, 0.0, 0.0])
+    assert live.hand_m[-1] == pytest.approx([0.5 * np.cos(4.0), 0.5 * np.sin(4.0), 0.0], abs=0.01)
+
+
+def test_the_measured_path_has_a_gap_where_nothing_was_heard() -> None:
+    live = trial()
+    for time_s in (0.0, 0.1, 2.0, 2.1):
+        live.see(sample(time_s, 0.0))
+    assert np.isnan(live.hand_m).all(axis=1).tolist() == [False, False, True, False, False]
+    assert np.isfinite(live.hand_m[[0, 1, 3, 4]]).all()
 
 
 def test_the_planned_paths_are_thinned_but_keep_their_ends() -> None:
