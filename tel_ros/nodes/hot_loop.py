@@ -109,7 +109,7 @@ def spin_hot(
             pace.keep()
         idle = not ready and pace is None
         if idle or (time.monotonic() >= next_turn and _has_time(pace, next_turn)):
-            _serve_the_rest(executor)
+            serve_ready(executor)
             next_turn = time.monotonic() + turn_period_s
 
 
@@ -141,7 +141,7 @@ def take(subscription: Subscription) -> None:
         callback(taken[0])
 
 
-def _serve_the_rest(executor: SingleThreadedExecutor) -> None:
+def serve_ready(executor: SingleThreadedExecutor) -> None:
     """Run every callback that is ready now, from one wait set."""
     try:
         while True:

@@ -29,6 +29,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.conversions import to_goal
+from tel_ros.nodes.hot_loop import serve_ready
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
 from tel_ros.recording.waypoint_file import load_path
@@ -194,9 +195,10 @@ def watch(
                     view.follow()
                     next_look = now + 1.0 / TRIAL_RATE_HZ
                 if now >= next_picture:
+                    serve_ready(executor)  # a turn of it costs as much as ten looks
                     view.show()
                     next_picture = now + 1.0 / ARM_RATE_HZ
-                executor.spin_once(timeout_sec=max(0.0, min(next_look, next_picture) - time.monotonic()))
+                time.sleep(max(0.0, min(next_look, next_picture) - time.monotonic()))
         finally:
             view.close()
 
