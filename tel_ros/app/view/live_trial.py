@@ -15,7 +15,7 @@ PATH_POINTS = 200
 """Of a path that is drawn: more cannot be told apart on a screen."""
 MEASURED_POINTS = 400
 """At most, of the measured path in the time of the movement: it may shake."""
-GAP_SHARE = 0.05
+GAP_SHARE = 0.1
 """Points that are further apart than this share of the duration have nothing drawn between them."""
 HOLD_SHARE = 0.1
 """How much of the hold is plotted behind the movement, as a share of its duration."""

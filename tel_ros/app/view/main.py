@@ -36,8 +36,9 @@ from tel_ros.recording.waypoint_file import load_path
 
 ARM_RATE_HZ = 20.0
 """How often the arm is looked at and drawn."""
-TRIAL_RATE_HZ = 100.0
-"""How often the controller is looked at: the points of a fast path have to be closer than pictures are."""
+LOCKSTEP_RATE_HZ = 100.0
+"""How often the controller is looked at in lockstep, where a movement is over in a second or two. In real time a
+picture has what is to be seen, and five times as many looks would cost the loop."""
 _NICENESS = 10
 _WORDS_EVERY = 4
 """Words and plots change with every fourth picture."""
@@ -178,7 +179,7 @@ def watch(
         token: the secret in the link.
         port: of the page; 0: any that is free.
         on_open: called with the link when the page is there.
-        ended: looked at about a hundred times a second.
+        ended: looked at at least twenty times a second.
 
     Raises:
         TelError: as :class:`LiveView`.
@@ -187,13 +188,14 @@ def watch(
         view = LiveView(config, node, token, port)
         try:
             on_open(view.link)
+            look_s = 1.0 / (LOCKSTEP_RATE_HZ if config.arm_waits_for_commands else ARM_RATE_HZ)
             next_look = next_picture = time.monotonic()
             while not ended():
                 # From now on, not from when it was due: a view that is late does not hurry.
                 now = time.monotonic()
                 if now >= next_look:
                     view.follow()
-                    next_look = now + 1.0 / TRIAL_RATE_HZ
+                    next_look = now + look_s
                 if now >= next_picture:
                     serve_ready(executor)  # a turn of it costs as much as ten looks
                     view.show()
