@@ -37,8 +37,10 @@ from tel_ros.recording.waypoint_file import load_path
 ARM_RATE_HZ = 20.0
 """How often the arm is looked at and drawn."""
 LOCKSTEP_RATE_HZ = 100.0
-"""How often the controller is looked at in lockstep, where a movement is over in a second or two. In real time a
-picture has what is to be seen, and five times as many looks would cost the loop."""
+"""How often the controller is looked at in lockstep, where a movement is over in a second or two.
+
+In real time each picture has what is to be seen, and five times as many looks would cost the loop.
+"""
 _NICENESS = 10
 _WORDS_EVERY = 4
 """Words and plots change with every fourth picture."""
