@@ -9,6 +9,12 @@ import numpy as np
 
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
+ROUNDING_RAD = 1e-6
+"""What the driver's own arithmetic, single precision as well, makes of equal readings, or of equal steps.
+
+Four roundings of angles up to 4 rad at most; and far less than a pulse is to be seen by.
+"""
+
 
 @dataclass(frozen=True)
 class StateRecord:
@@ -60,8 +66,7 @@ class StateRecord:
         # by steps of the encoder.
         changes = np.diff(steps, axis=0)
         both = np.abs(np.concatenate([steps, changes]))
-        # What rounding in the driver's own arithmetic makes of equal readings is no step.
-        both[both < 1e-9] = 0.0
+        both[both < ROUNDING_RAD] = 0.0
         smallest = np.where(both > 0.0, both, np.inf).min(axis=0, initial=np.inf)
         smallest[~np.isfinite(smallest)] = 0.0
         if not len(changes):

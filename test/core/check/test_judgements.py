@@ -119,6 +119,13 @@ def test_noise_of_the_position_is_told_whether_a_joint_moves_or_not(moves: bool)
     assert resolution_rad == pytest.approx([0.954e-3] * 2, rel=0.1)
 
 
+def test_the_steps_of_an_encoder_are_told_in_single_precision_too() -> None:
+    quantum_rad = 1e-3
+    counts = np.cumsum(np.concatenate([np.zeros(1000), np.random.default_rng(1).integers(1, 4, 500)]))
+    position = np.column_stack([(2.0 + quantum_rad * counts).astype(np.float32)] * 2).astype(np.float64)
+    assert record(1500, position_rad=position).resolution_rad() == pytest.approx([quantum_rad] * 2, rel=1e-3)
+
+
 def test_a_joint_whose_states_were_lost_while_it_moved_is_not_said_to_have_hardly_moved() -> None:
     time_s = 0.002 * np.arange(1000)
     position = np.column_stack([np.sin(time_s), np.zeros(1000)])
