@@ -33,7 +33,7 @@ class History:
     def __init__(self) -> None:
         self.trials: list[EndedTrial] = []
         self.paths: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT_PATHS)
-        """Number of the trial and positions of the hand [m], shape (n, 3); the last ones, oldest first."""
+        """Number of the trial and positions of the hand [m], shape (n, 3), NaN in gaps; oldest first."""
 
     def end(self, ended: EndedTrial, live: LiveTrial | None) -> None:
         """Take in a trial that has ended.

@@ -97,14 +97,14 @@ class Page:
 
     def show_plan(self, trial: LiveTrial) -> None:
         """Show what a trial is to do, once, when it begins."""
-        self._lines["desired"].points = _segments(trial.desired_m)[::2]  # dashed
-        self._lines["equilibrium"].points = _segments(trial.equilibrium_m)
+        self._lines["desired"].points = segments(trial.desired_m)[::2]  # dashed
+        self._lines["equilibrium"].points = segments(trial.equilibrium_m)
         self._lines["actual"].points = _nothing()
         self._ranges.clear()
 
     def show_progress(self, trial: LiveTrial) -> None:
         """Show what a trial has done so far."""
-        self._lines["actual"].points = _segments(trial.hand_m)
+        self._lines["actual"].points = segments(trial.hand_m)
         time_s = trial.error_rad.time_s
         band = [column for std in trial.std_rad.T for column in (2.0 * std, -2.0 * std)]
         self._plot("error", time_s, *(1e3 * values for values in (*trial.error_rad.values.T, *band)))
@@ -125,7 +125,7 @@ class Page:
         for place, (index, hand_m) in enumerate(history.paths):
             share = (place + 1) / len(history.paths)
             colour = tuple(int(c) for c in _OLDEST + share * (_YOUNGEST - _OLDEST))
-            self._earlier.append(self._line(f"trial_{index}", colour, 2.0, _segments(hand_m)))
+            self._earlier.append(self._line(f"trial_{index}", colour, 2.0, segments(hand_m)))
 
     def show_status(self, status: Status) -> None:
         """Show what is known at a moment in words, and which buttons make sense."""
@@ -274,7 +274,7 @@ def _inset(html: str) -> str:
     return f'<div style="{_INSET}">{html}</div>'
 
 
-def _segments(points_m: FloatArray) -> FloatArray:
+def segments(points_m: FloatArray) -> FloatArray:
     """Return the segments between points of shape (n, 3), none to or from NaN.
 
     Returns:
