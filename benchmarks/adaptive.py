@@ -127,9 +127,11 @@ def rolled_back(run: Run) -> tuple[str, bool]:
 
 def not_beyond_the_corridor_twice(run: Run) -> tuple[str, bool]:
     """Judge whether no two trials in a row left the corridor; the arm must have changed for this to count."""
-    corridor_rad = run.config.control.corridor_rad
+    path_tolerance_rad = run.config.control.path_tolerance_rad
     beyond = [
-        k for k, t in enumerate(run.trials, start=1) if t.excursion_rad > corridor_rad or not t.completed
+        k
+        for k, t in enumerate(run.trials, start=1)
+        if t.excursion_rad > path_tolerance_rad or not t.completed
     ]
     twice = any(b - a == 1 for a, b in zip(beyond, beyond[1:], strict=False))
     tested = 0 < run.changed_from <= len(run.trials)

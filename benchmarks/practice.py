@@ -158,7 +158,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "learners_practice.md")
     options = parser.parse_args()
     protocol = ["practice.on_abort=continue", *options.set]
-    plan = [trial.duration_s for trial in make_strategy(load_config(options.config, protocol)).outlook()]
+    plan = [trial.duration_s for trial in make_strategy(load_config(options.config, protocol)).preview()]
     rows = [["", "duration [s]", *(f"{duration_s:.1f}" for duration_s in plan)]]
     for scenario in (scenario for scenario in SCENARIOS if scenario.name in options.arms):
         for learner in options.learners:

@@ -85,17 +85,17 @@ def write_figure(results: Sequence[Result], config: Config, file: Path) -> None:
         excursions.step(
             largest, 100.0 * np.arange(1, len(largest) + 1) / len(largest), where="post", color=BLUE
         )
-        corridor_rad = config.control.corridor_rad
-        excursions.axvline(corridor_rad, color=SOFT, linewidth=0.8, linestyle="--")
+        path_tolerance_rad = config.control.path_tolerance_rad
+        excursions.axvline(path_tolerance_rad, color=SOFT, linewidth=0.8, linestyle="--")
         excursions.set(
             title="c  Largest deviation in any trial",
             xlabel="of a joint from its path [rad]",
             ylabel="runs with no more [%]",
-            xlim=(0.0, max(1.1 * corridor_rad, 1.05 * largest[-1])),
+            xlim=(0.0, max(1.1 * path_tolerance_rad, 1.05 * largest[-1])),
             ylim=(0.0, 102.0),
         )
         excursions.text(
-            0.97 * corridor_rad, 50.0, "corridor", color=SOFT, rotation=90, ha="right", va="center"
+            0.97 * path_tolerance_rad, 50.0, "corridor", color=SOFT, rotation=90, ha="right", va="center"
         )
         handles, labels = errors.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
@@ -120,7 +120,7 @@ def _page(results: Sequence[Result], config: Config, command: str) -> str:
     n, trials = len(results), [trial for result in results for trial in result.trials]
     reached = [result for result in results if result.outcome == "completed"]
     missed = [result for result in results if result.outcome != "completed"]
-    beyond = sum(trial.excursion_rad > 2.0 * control.corridor_rad for trial in trials)
+    beyond = sum(trial.excursion_rad > 2.0 * control.path_tolerance_rad for trial in trials)
     rows = [
         *(
             (f"runs that {words}" if outcome == "completed" else f"runs, {words}", _share(results, outcome))
@@ -149,8 +149,9 @@ nothing but the time at rest (below) was chosen by looking at them.
 - The goal duration is such that the exact model needs a random 40 to 90 % of the effort limit; practice
   begins at 2.5 times that duration, and is over when the RMS error at the goal is below
   {1e3 * practice.tolerance_rad:g} mrad.
-- A trial is aborted when a joint is {control.corridor_rad:g} rad off its path. It has left the corridor by
-  more than its width when it is more than {2 * control.corridor_rad:g} rad off, braking included.
+- A trial is aborted when a joint is {control.path_tolerance_rad:g} rad off its path (the path
+  tolerance). It is beyond twice that when it is more than {2 * control.path_tolerance_rad:g}
+  rad off, braking included.
 - The arm counts as at rest after {control.settle_time_s:g} s within
   {1e3 * control.settle_time_s * control.settle_speed_rad_s:g} mrad. With 0.2 s, the turning point of a slow
   swing counts as well; a heavy arm that is stretched out then sets off beside its path, which practice

@@ -179,7 +179,7 @@ def product(config: Path, rate_hz: float, duration_s: float, priority: int, fold
         f"control.rate_hz={rate_hz}",
         f"control.realtime_priority={priority}",
         f"control.lock_memory={str(priority > 0).lower()}",
-        "control.corridor_rad=2.0",
+        "control.path_tolerance_rad=2.0",
         "control.state_timeout_s=1.0",  # a gap is to be measured, not to end the trial
         "practice.trials=1",
         "practice.strategy=trajectory_extension",

@@ -59,8 +59,8 @@ def check_before_moving(config: Config) -> None:
     new_network(config)
     path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
     require_within_velocity_limits(config, path, known_path)
-    limits = Limits.of(config.arm, config.control.corridor_rad)
-    for movement in dict.fromkeys(make_strategy(config).outlook()):
+    limits = Limits.of(config.arm, config.control.path_tolerance_rad)
+    for movement in dict.fromkeys(make_strategy(config).preview()):
         desired = desired_trajectory(path, known_path, movement, config.control.rate_hz)
         asked = command(config.arm, movement, desired, desired.position_rad)
         goal = TrialGoal(1, 1.0, desired, asked.equilibrium_rad, asked.springs)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer
 
 _LATE_S = 0.02
-"""Lateness that is worth a word: more than a loop of 50 Hz would notice."""
+"""Latency that is worth a word: more than a loop of 50 Hz would notice."""
 
 
 @click.command()

@@ -306,7 +306,7 @@ class ControlConfig:
 
     rate_hz: float = 500.0
     """Rate of joint states and commands, and of the points of trajectories."""
-    corridor_rad: float = 1.0
+    path_tolerance_rad: float = 1.0
     """A joint further than this from its desired position aborts the trial."""
     approach_speed_rad_s: float = 0.5
     """Peak speed of the fastest joint on the way to the start posture."""
@@ -334,7 +334,7 @@ class ControlConfig:
         _require_positive(
             self,
             "rate_hz",
-            "corridor_rad",
+            "path_tolerance_rad",
             "approach_speed_rad_s",
             "settle_speed_rad_s",
             "settle_time_s",

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from tel_ros.core.errors import ConfigError, StateError
 from tel_ros.core.safety.awake_clock import AwakeClock
 from tel_ros.core.safety.guard import CommandGuard
-from tel_ros.core.safety.lateness import Lateness
+from tel_ros.core.safety.latency import Latency
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
@@ -51,7 +51,7 @@ class ArmGuardNode(Node):
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm, config.control)
         self._command_reader = CommandReader()
-        self._lateness = Lateness(config.safety.clock_drift)
+        self._latency = Latency(config.safety.clock_drift)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", author=topics.ARM_GUARD)
         self._channel.open(self._guard.safety)
@@ -109,7 +109,7 @@ class ArmGuardNode(Node):
             return
         arrived_ns = time.monotonic_ns()
         self._state_at, self._blind = arrived_ns / NS_PER_S, False
-        state = replace(state, age_s=self._lateness.of(state.time_ns, arrived_ns))
+        state = replace(state, age_s=self._latency.of(state.time_ns, arrived_ns))
         now_s, was_active = self._awake.look(self._state_at), self._guard.active
         answer = self._guard.on_state(state, now_s)
         if answer is None:

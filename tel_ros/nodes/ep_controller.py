@@ -17,9 +17,10 @@ from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.control.records import ArmState, Tick, TrialGoal
 from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.errors import StateError
-from tel_ros.core.safety.lateness import Lateness
+from tel_ros.core.safety.latency import Latency
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
+from tel_ros.nodes.competing_publishers import CompetingPublishers
 from tel_ros.nodes.controller_health import ControllerStatus, controller_health
 from tel_ros.nodes.conversions import idle_state
 from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
@@ -30,7 +31,6 @@ from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.resuming import declare_resume, replay_control
-from tel_ros.nodes.rivals import Rivals
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.safety_services import SafetyServices
 from tel_ros.nodes.trial_server import FEEDBACK_PERIOD_S, TrialServer
@@ -87,7 +87,7 @@ class EpControllerNode(ManagedNode):
         )
         # Position drives brake by themselves, with states that are never late.
         wall_clock = not config.arm_waits_for_commands and self._interface == "effort"
-        self._lateness = Lateness(config.safety.clock_drift) if wall_clock else None
+        self._latency = Latency(config.safety.clock_drift) if wall_clock else None
         self._arrived_ns = 0
         self._seen: ArmState | None = None
         self._answered_ns = -1
@@ -107,7 +107,7 @@ class EpControllerNode(ManagedNode):
             )
         ]
         self.create_timer(WATCHDOG_PERIOD_S, self._watch)
-        self._rivals = Rivals(self, topics.COMMANDS[self._interface])
+        self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
         self._ready_pub.publish(self._ready)
@@ -150,7 +150,7 @@ class EpControllerNode(ManagedNode):
             )
         if self._moves():
             raise TransitionRefusedError(f"the arm moves; wait for its rest, or call {topics.SAFETY_STOP}")
-        self._let_go(hold=self._holds_at_the_end)
+        self._release(hold=self._holds_at_the_end)
 
     def cleanup(self) -> None:
         """Take the publishers back."""
@@ -166,7 +166,7 @@ class EpControllerNode(ManagedNode):
         """Let go of the arm and begin anew; nothing is known about what the failed transition has done."""
         self._controller.lose_states("a transition of the node failed")
         self._trials.finish(self._controller.report)
-        self._let_go(hold=False)
+        self._release(hold=False)
         if self._channel is not None:
             self.cleanup()
 
@@ -185,13 +185,13 @@ class EpControllerNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Command the last effort, then go."""
-        self._let_go(hold=self._holds_at_the_end and self._controller.at_final_effort)
+        self._release(hold=self._holds_at_the_end and self._controller.at_final_effort)
         self._trials.destroy()
         super().destroy_node()
 
     def _on_joint_state(self, raw: bytes) -> None:
         self._arrived_ns = time.monotonic_ns()
-        if self._rivals.of_states:
+        if self._competing.of_states:
             return  # nobody knows whose it is
         try:
             state = self._reader.read_serialised(raw)
@@ -203,8 +203,8 @@ class EpControllerNode(ManagedNode):
         is_new = self._seen is None or state.time_ns != self._seen.time_ns
         if is_new:
             self._states.count += 1
-            if self._lateness is not None:
-                state = replace(state, age_s=self._lateness.of(state.time_ns, self._arrived_ns))
+            if self._latency is not None:
+                state = replace(state, age_s=self._latency.of(state.time_ns, self._arrived_ns))
         self._seen = state
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
@@ -262,7 +262,7 @@ class EpControllerNode(ManagedNode):
     def _publish_zero(self) -> None:
         self._commanding = False
         self._controller.safety.none()
-        self._channel.let_go(self._seen.time_ns if self._seen else 0)
+        self._channel.release(self._seen.time_ns if self._seen else 0)
 
     def _is_stopping(self) -> bool:
         """Return whether the arm is on its way to the effort that it is to be left with."""
@@ -290,9 +290,9 @@ class EpControllerNode(ManagedNode):
 
     def _end_if_stopped(self) -> None:
         if self._ending and self.stopped:
-            self._let_go(hold=self._holds_at_the_end and self._controller.at_final_effort)
+            self._release(hold=self._holds_at_the_end and self._controller.at_final_effort)
 
-    def _let_go(self, hold: bool) -> None:
+    def _release(self, hold: bool) -> None:
         """Shut the channel, after a last command of zero effort unless the last one is to stay."""
         if not self._acts:
             return
@@ -309,7 +309,7 @@ class EpControllerNode(ManagedNode):
         return time.monotonic() - self._last_state_at < self._state_timeout_s
 
     def _watch(self) -> None:
-        self._watch_rivals()
+        self._watch_competing_publishers()
         self._watch_states()
 
     def _watch_states(self) -> None:
@@ -326,13 +326,13 @@ class EpControllerNode(ManagedNode):
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
-    def _watch_rivals(self) -> None:
+    def _watch_competing_publishers(self) -> None:
         """Stop when the arm gets now this one's efforts and now another's, or two speak for it."""
-        self._rivals.look()
-        if self._rivals.of_states and (self._commanding or self._controller.active):
-            self._lose_states(self._rivals.of_states)
-        elif self._rivals.of_commands:
-            self._controller.abort(self._rivals.of_commands)
+        self._competing.look()
+        if self._competing.of_states and (self._commanding or self._controller.active):
+            self._lose_states(self._competing.of_states)
+        elif self._competing.of_commands:
+            self._controller.abort(self._competing.of_commands)
 
     def _begin(self, goal: TrialGoal) -> None:
         if not self._acts:
@@ -342,8 +342,8 @@ class EpControllerNode(ManagedNode):
             )
         if not self._states_are_fresh():
             raise StateError(f"no joint states on {topics.JOINT_STATES}")
-        if str(self._rivals):
-            raise StateError(str(self._rivals))
+        if str(self._competing):
+            raise StateError(str(self._competing))
         if self._channel.listeners == 0:
             raise StateError(f"nobody listens to {self._channel.topic}")
         self._controller.start(goal)
@@ -355,7 +355,7 @@ class EpControllerNode(ManagedNode):
         ready = (
             self._acts
             and self._states_are_fresh()
-            and not str(self._rivals)
+            and not str(self._competing)
             and self._channel.listeners > 0
             and not self._controller.braking
         )

@@ -2,7 +2,7 @@
 
 Every node has a parameter ``config``, the file of the practice run (default: the paper's protocol). The
 values in it become the defaults of the node's other parameters, which carry the same names as the keys of
-the file: ``-p control.corridor_rad:=0.5``. All are read-only: a run is one configuration.
+the file: ``-p control.path_tolerance_rad:=0.5``. All are read-only: a run is one configuration.
 """
 
 from __future__ import annotations

@@ -211,7 +211,7 @@ class PracticeManagerNode(Node):
                 if isinstance(decision, Ending):
                     ending = decision
                     break
-                progress.begin(decision, strategy.outlook())
+                progress.begin(decision, strategy.preview())
                 row, message = self._trial(goal_handle, folder, decision, progress)
                 summary.add(row)
                 last = row.report

@@ -26,12 +26,12 @@ class Progress:
         self._done_s = 0.0
         self._feedback = Practice.Feedback()
 
-    def begin(self, plan: PlannedTrial, outlook: Sequence[Movement]) -> None:
+    def begin(self, plan: PlannedTrial, preview: Sequence[Movement]) -> None:
         """Begin a trial, with what is to come after it as far as the strategy can tell."""
         feedback = self._feedback
-        to_come_s = plan.movement.own_duration_s + sum(movement.own_duration_s for movement in outlook)
+        to_come_s = plan.movement.own_duration_s + sum(movement.own_duration_s for movement in preview)
         self._planned_s = self._done_s + to_come_s
-        feedback.trials = plan.index + len(outlook)
+        feedback.trials = plan.index + len(preview)
         feedback.reason, feedback.expected_rms_rad = plan.reason, plan.expected_rms_rad
         feedback.trial, feedback.alpha, feedback.duration_s = (
             plan.index,

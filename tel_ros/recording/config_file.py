@@ -8,6 +8,7 @@ expected.
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -22,6 +23,9 @@ from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_
 
 SourceOf = Callable[[str], str | None]
 """From a dotted key to the file or option that it came from."""
+
+RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
+"""Keys of the version before, which still work. Files say so with a warning, recorded runs silently."""
 
 _PYDANTIC_1 = pydantic.VERSION.startswith("1.")
 
@@ -88,6 +92,9 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
     _resolve(raw, "learning", "start_from", path.parent)
     _resolve(raw, "arm", "urdf", arm_path.parent, urdf_file)
     source_of = _overridden(raw, overrides, lambda key: str(arm_path if key.split(".")[0] == "arm" else path))
+    for old, new in RENAMED.items():
+        if _value(raw, old) is not None:
+            warnings.warn(f"{source_of(old)}: {old} is called {new} now", FutureWarning, stacklevel=2)
     config = config_from(raw, source_of)
     return _with_urdf_limits(config, source_of)
 
@@ -124,6 +131,7 @@ def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) 
     Raises:
         ConfigError: a key is unknown, or a value is wrong.
     """
+    raw = _renamed(raw)
     try:
         model = _MODEL.parse_obj(raw) if _PYDANTIC_1 else _MODEL.model_validate(raw)
     except pydantic.ValidationError as error:
@@ -194,6 +202,24 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return raw
 
 
+def _value(raw: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a dotted key; None if there is none."""
+    value: Any = raw
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value
+
+
+def _renamed(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the values under today's names."""
+    for old, new in RENAMED.items():
+        if (value := _value(raw, old)) is not None and _value(raw, new) is None:
+            (section, before), after = old.split("."), new.split(".")[1]
+            kept = {key: item for key, item in raw[section].items() if key != before}
+            raw = {**raw, section: {**kept, after: value}}
+    return raw
+
+
 def _overridden(raw: dict[str, Any], overrides: Iterable[str], source_of: Callable[[str], str]) -> SourceOf:
     """Put values in the place of others, and return where each key's value comes from now."""
     options = dict(_override(raw, assignment) for assignment in overrides)
@@ -231,7 +257,7 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
     key, equals, text = assignment.partition("=")
     key = key.strip()
     if not equals or not key:
-        raise ConfigError("--set", assignment, "an assignment such as control.corridor_rad=0.5")
+        raise ConfigError("--set", assignment, "an assignment such as control.path_tolerance_rad=0.5")
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError:
@@ -255,7 +281,7 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
 
 
 def _assign(raw: dict[str, Any], key: str, value: Any, source: str) -> None:
-    *sections, name = key.split(".")
+    *sections, name = RENAMED.get(key, key).split(".")
     values = raw
     for section in sections:
         values = values.setdefault(section, {})

@@ -165,9 +165,9 @@ def test_an_arm_that_was_held_and_is_let_go_may_fall_into_the_soft_walls() -> No
     effort = np.where(time_s < 1.0, -0.1, 0.0)
     effort[time_s > 1.5] = -0.1
     stamps = np.round(time_s * 1e9).astype(np.int64)
-    let_go = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
-    assert judged(let_go, falls=True).violations == ()
-    held_by_little = replace(let_go, effort_nm=np.full((N, 1), -0.1))
+    release = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    assert judged(release, falls=True).violations == ()
+    held_by_little = replace(release, effort_nm=np.full((N, 1), -0.1))
     assert any("went on for" in text for text in judged(held_by_little, falls=True).violations)
 
 

@@ -21,7 +21,7 @@ from tel_ros.core.trajectories.paths import NAMED_PATHS  # noqa: E402
 from tel_ros.core.trajectories.sampling import sample  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 
-CONFIG = load_config(ROOT / "config" / "planar_arm.yaml", ["control.corridor_rad=0.15"])
+CONFIG = load_config(ROOT / "config" / "planar_arm.yaml", ["control.path_tolerance_rad=0.15"])
 PATH = NAMED_PATHS["planar_loops"]
 
 

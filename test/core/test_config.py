@@ -65,7 +65,7 @@ BAD: list[tuple[type, str, Any, str]] = [
         (ControlConfig, key, bad, "a finite number above 0")
         for key in (
             "rate_hz",
-            "corridor_rad",
+            "path_tolerance_rad",
             "approach_speed_rad_s",
             "settle_speed_rad_s",
             "settle_time_s",

@@ -24,7 +24,7 @@ TOO_FAST_AT_FIRST = (
     "practice.first_duration_s=6.0",
     "practice.goal_duration_s=4.0",
     "practice.trials=4",
-    "control.corridor_rad=0.35",
+    "control.path_tolerance_rad=0.35",
 )
 """The first trial leaves the corridor, so that the run goes back to the network that it began with; four
 trials are not enough for the goal."""

@@ -129,7 +129,9 @@ def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed_or_hangs(
     graph: StartGraph, how: signal.Signals
 ) -> None:
     nodes = ["sim_bridge", "arm_guard", "ep_controller"]
-    running = graph(nodes, *PATIENT, "sim.clock=realtime", "safety.guard=always", "control.corridor_rad=2.5")
+    running = graph(
+        nodes, *PATIENT, "sim.clock=realtime", "safety.guard=always", "control.path_tolerance_rad=2.5"
+    )
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
     arm = running.listen(JointState, topics.JOINT_STATES)
     health: list[DiagnosticArray] = running.listen(DiagnosticArray, topics.DIAGNOSTICS)

@@ -54,7 +54,7 @@ def test_lists_that_are_empty_by_default_can_be_given(make_node: Callable[..., N
 
 @pytest.mark.parametrize(
     "given",
-    [{"control__corridor_rad": 1}, {"practice__durations_s": [10, 5]}, {"practice__vary": "speed"}],
+    [{"control__path_tolerance_rad": 1}, {"practice__durations_s": [10, 5]}, {"practice__vary": "speed"}],
 )
 def test_a_value_of_the_wrong_type_is_refused_with_the_name_of_the_parameter(
     make_node: Callable[..., Node], given: dict[str, Any]

@@ -86,7 +86,7 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
 @pytest.mark.timeout(300)
 def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
-    wanted = ("sim.clock=realtime", "practice.trials=1", "control.corridor_rad=2.0", *three_s, *PATIENT)
+    wanted = ("sim.clock=realtime", "practice.trials=1", "control.path_tolerance_rad=2.0", *three_s, *PATIENT)
     for attempt in range(3):
         run = tel(*wanted, name=f"attempt_{attempt}")
         code, out, err = run.finish()
@@ -146,7 +146,7 @@ def test_no_node_outlives_a_killed_supervisor(tel: Tel) -> None:
 
 
 def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> None:
-    run = tel(*QUICK, "control.corridor_rad=0.1")
+    run = tel(*QUICK, "control.path_tolerance_rad=0.1")
     code, out, err = run.finish()
     assert code == 1
     summary = summary_of(out)

@@ -27,7 +27,7 @@ path:
 practice:
   trials: 3
 control:
-  corridor_rad: 0.8
+  path_tolerance_rad: 0.8
 seed: 7
 """
 ARM_YAML = """\

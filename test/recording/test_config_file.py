@@ -46,7 +46,7 @@ def test_the_papers_protocol_is_the_default_and_says_what_the_paper_says() -> No
 
 
 def test_values_come_from_the_run_the_arm_and_the_defaults(config: Config) -> None:
-    assert config.control.corridor_rad == 0.8
+    assert config.control.path_tolerance_rad == 0.8
     assert config.practice.trials == 3
     assert config.arm.name == "two_link"
     assert config.control.rate_hz == 500.0
@@ -128,7 +128,7 @@ def test_plain_values_are_those_that_yaml_and_json_know(config: Config) -> None:
 
 def test_flat_values_have_dotted_keys(config: Config) -> None:
     flat = flat_values(config)
-    assert flat["control.corridor_rad"] == 0.8
+    assert flat["control.path_tolerance_rad"] == 0.8
     assert flat["arm.joints"] == ["shoulder", "elbow"]
     assert flat["seed"] == 7
     assert not any(isinstance(value, dict) for value in flat.values())
@@ -137,8 +137,8 @@ def test_flat_values_have_dotted_keys(config: Config) -> None:
 @pytest.mark.parametrize(
     ("assignment", "key", "value"),
     [
-        ("control.corridor_rad=0.5", "control.corridor_rad", 0.5),
-        ("control.corridor_rad = 2", "control.corridor_rad", 2.0),
+        ("control.path_tolerance_rad=0.5", "control.path_tolerance_rad", 0.5),
+        ("control.path_tolerance_rad = 2", "control.path_tolerance_rad", 2.0),
         ("practice.trials=4", "practice.trials", 4),
         ("sim.gui=true", "sim.gui", True),
         ("sim.clock=realtime", "sim.clock", "realtime"),
@@ -220,15 +220,15 @@ def test_an_unknown_section_is_refused_with_the_known_ones(edit: Edit) -> None:
     file = edit("run.yaml", "control:", "contrl:")
     text = complaint(file)
     assert text.startswith(
-        f"{file}: contrl is {{'corridor_rad': 0.8}}; expected a known key: arm, path, run, "
+        f"{file}: contrl is {{'path_tolerance_rad': 0.8}}; expected a known key: arm, path, run, "
     )
 
 
 def test_an_unknown_key_in_a_section_is_refused_with_the_known_ones(edit: Edit) -> None:
-    file = edit("run.yaml", "corridor_rad", "coridor_rad")
+    file = edit("run.yaml", "path_tolerance_rad", "coridor_rad")
     text = complaint(file)
     assert text.startswith(
-        f"{file}: control.coridor_rad is 0.8; expected a known key: rate_hz, corridor_rad, "
+        f"{file}: control.coridor_rad is 0.8; expected a known key: rate_hz, path_tolerance_rad, "
     )
 
 
@@ -247,7 +247,11 @@ def test_an_unknown_key_of_the_arm_is_blamed_on_the_file_of_the_arm(config_folde
         ("trials: 3", "trials: [3]", "practice.trials is [3]; expected a whole number"),
         ("trials: 3", "trials:", "practice.trials is None; expected a whole number"),
         ("trials: 3", "trials: true", "practice.trials is True; expected a whole number"),
-        ("corridor_rad: 0.8", "corridor_rad: false", "control.corridor_rad is False; expected a number"),
+        (
+            "path_tolerance_rad: 0.8",
+            "path_tolerance_rad: false",
+            "control.path_tolerance_rad is False; expected a number",
+        ),
         ("trials: 3", "trials: 0", "practice.trials is 0; expected a whole number of at least 1"),
         (
             "trials: 3",
@@ -255,21 +259,21 @@ def test_an_unknown_key_of_the_arm_is_blamed_on_the_file_of_the_arm(config_folde
             "practice.strategy is 'fast'; expected 'trajectory_extension' or 'adaptive_extension' or ",
         ),
         (
-            "corridor_rad: 0.8",
-            "corridor_rad: wide",
-            "control.corridor_rad is 'wide'; expected a number",
+            "path_tolerance_rad: 0.8",
+            "path_tolerance_rad: wide",
+            "control.path_tolerance_rad is 'wide'; expected a number",
         ),
         (
-            "corridor_rad: 0.8",
-            "corridor_rad: .nan",
-            "control.corridor_rad is nan; expected a finite number above 0",
+            "path_tolerance_rad: 0.8",
+            "path_tolerance_rad: .nan",
+            "control.path_tolerance_rad is nan; expected a finite number above 0",
         ),
         (
-            "corridor_rad: 0.8",
-            "corridor_rad: .inf",
-            "control.corridor_rad is inf; expected a finite number above 0",
+            "path_tolerance_rad: 0.8",
+            "path_tolerance_rad: .inf",
+            "control.path_tolerance_rad is inf; expected a finite number above 0",
         ),
-        ("control:\n  corridor_rad: 0.8", "control: 5", "control is 5; expected keys and values"),
+        ("control:\n  path_tolerance_rad: 0.8", "control: 5", "control is 5; expected keys and values"),
         ("seed: 7", "seed: -1", "seed is -1; expected a whole number of at least 0"),
         ("seed: 7", "sim: {gui: maybe}", "sim.gui is 'maybe'; expected true or false"),
         ("name: planar_loops", "name: ''", "path.name is ''; expected either a name or a file"),
@@ -335,10 +339,13 @@ def test_a_run_without_an_arm_is_refused(edit: Edit) -> None:
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ("control.corridor_rad=-1", "control.corridor_rad is -1.0; expected a finite number above 0"),
-        ("control.corridor_rad=", "control.corridor_rad is None; expected a number"),
+        (
+            "control.path_tolerance_rad=-1",
+            "control.path_tolerance_rad is -1.0; expected a finite number above 0",
+        ),
+        ("control.path_tolerance_rad=", "control.path_tolerance_rad is None; expected a number"),
         ("control.coridor_rad=1", "control.coridor_rad is 1; expected a known key: rate_hz, "),
-        ("contrl.corridor_rad=1", "contrl is {'corridor_rad': 1}; expected a known key: arm, "),
+        ("contrl.path_tolerance_rad=1", "contrl is {'path_tolerance_rad': 1}; expected a known key: arm, "),
         ("seed.x=1", "seed.x is 1; expected a key (seed is a single value)"),
         ("learning.rate=1.5", "learning.rate is 1.5; expected a number above 0 and up to 1"),
         ("learning=lms", "learning is 'lms'; expected keys and values"),
@@ -361,10 +368,10 @@ def test_a_value_that_does_not_fit_an_option_is_blamed_on_its_own_file(config_fo
     assert text.startswith(f"{config_folder}/arms/two_link.yaml: {said}")
 
 
-@pytest.mark.parametrize("option", ["control.corridor_rad", "=5", "", " =5"])
+@pytest.mark.parametrize("option", ["control.path_tolerance_rad", "=5", "", " =5"])
 def test_an_option_that_is_no_assignment_is_refused_with_an_example(config_folder: Path, option: str) -> None:
     text = complaint(config_folder / "run.yaml", option)
-    assert text == f"--set is {option!r}; expected an assignment such as control.corridor_rad=0.5"
+    assert text == f"--set is {option!r}; expected an assignment such as control.path_tolerance_rad=0.5"
 
 
 def test_a_missing_urdf_is_refused_by_name_and_key(config_folder: Path, edit: Edit) -> None:
@@ -392,19 +399,27 @@ def test_a_urdf_whose_links_form_no_tree_is_refused(config_folder: Path, edit: E
 
 def test_single_values_are_replaced_and_checked(config: Config) -> None:
     changed = with_values(
-        config, {"control.corridor_rad": 0.3, "arm.joints": ["shoulder", "elbow"]}, "parameters"
+        config, {"control.path_tolerance_rad": 0.3, "arm.joints": ["shoulder", "elbow"]}, "parameters"
     )
-    assert changed.control.corridor_rad == 0.3
-    assert config.control.corridor_rad == 0.8
+    assert changed.control.path_tolerance_rad == 0.3
+    assert config.control.path_tolerance_rad == 0.8
     assert changed == dataclasses.replace(config, control=changed.control)
 
 
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("control.corridor_rad", -1.0, "control.corridor_rad is -1.0; expected a finite number above 0"),
+        (
+            "control.path_tolerance_rad",
+            -1.0,
+            "control.path_tolerance_rad is -1.0; expected a finite number above 0",
+        ),
         ("control.coridor_rad", 1.0, "control.coridor_rad is 1.0; expected a known key: rate_hz"),
-        ("contrl.corridor_rad", 1.0, "contrl is {'corridor_rad': 1.0}; expected a known key: arm"),
+        (
+            "contrl.path_tolerance_rad",
+            1.0,
+            "contrl is {'path_tolerance_rad': 1.0}; expected a known key: arm",
+        ),
         ("seed", "x", "seed is 'x'; expected a whole number"),
     ],
 )
@@ -433,3 +448,14 @@ def test_what_varies_is_a_list_of_known_things(config_folder: Path) -> None:
     assert config.practice.vary == ("amplitude", "speed")
     with pytest.raises(ConfigError, match=r"practice\.vary.* expected .*'speed' or 'amplitude'"):
         load_config(config_folder / "run.yaml", ["practice.vary=[weight]"])
+
+
+def test_a_key_of_the_version_before_still_works_with_a_warning(edit: Edit) -> None:
+    file = edit("run.yaml", "path_tolerance_rad", "corridor_rad")
+    with pytest.warns(
+        FutureWarning, match=r"run\.yaml: control\.corridor_rad is called control\.path_tolerance_rad"
+    ):
+        assert load_config(file).control.path_tolerance_rad == 0.8
+    assert (
+        load_config(default_config_file(), ["control.corridor_rad=0.125"]).control.path_tolerance_rad == 0.125
+    )

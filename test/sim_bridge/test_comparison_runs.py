@@ -16,7 +16,7 @@ from tel_ros.app.comparison_methods import METHODS, goal_movement
 from tel_ros.core.comparison.results import MethodRun
 
 CONFIG = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
-QUICK = ("practice.first_duration_s=4", "practice.goal_duration_s=3", "control.corridor_rad=2")
+QUICK = ("practice.first_duration_s=4", "practice.goal_duration_s=3", "control.path_tolerance_rad=2")
 
 
 def task(trials: int = 2) -> Task:

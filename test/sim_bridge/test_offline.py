@@ -52,7 +52,7 @@ def open_arms() -> Iterator[ExitStack]:
 
 @pytest.fixture
 def make_arm(open_arms: ExitStack) -> MakeArm:
-    """Make arms of the paper's protocol: ``make_arm("control.corridor_rad=0.1")``."""
+    """Make arms of the paper's protocol: ``make_arm("control.path_tolerance_rad=0.1")``."""
     return lambda *overrides: open_arms.enter_context(OfflineArm(config(*overrides)))
 
 
@@ -110,7 +110,7 @@ def test_signals_are_the_ticks_from_the_start_posture_on(make_arm: MakeArm) -> N
 
 
 def test_in_an_abort_the_command_of_the_brake_is_not_learned_from(make_arm: MakeArm) -> None:
-    trial = make_arm("control.corridor_rad=0.1").run_trial(goal())
+    trial = make_arm("control.path_tolerance_rad=0.1").run_trial(goal())
     signals = trial.signals
     n_stop = np.count_nonzero(trial.phase == Phase.STOP)
     assert n_stop > 0
@@ -120,7 +120,7 @@ def test_in_an_abort_the_command_of_the_brake_is_not_learned_from(make_arm: Make
 
 
 def test_an_abort_is_reported_and_leaves_the_arm_at_rest(make_arm: MakeArm) -> None:
-    arm = make_arm("control.corridor_rad=0.3")
+    arm = make_arm("control.path_tolerance_rad=0.3")
     report = arm.run_trial(goal()).report
     assert report.outcome == Outcome.ABORTED
     assert "corridor 0.300 rad" in report.message
@@ -179,7 +179,7 @@ def test_the_papers_protocol_gives_the_errors_that_the_graph_measured(make_pract
 
 
 def test_practice_ends_with_an_abort_and_does_not_learn_from_it(make_practice: MakePractice) -> None:
-    practice = make_practice("control.corridor_rad=0.1", "practice.first_duration_s=4.5")
+    practice = make_practice("control.path_tolerance_rad=0.1", "practice.first_duration_s=4.5")
     learner = practice.learner
     (practised,) = practice.run()
     assert practised.trial.report.outcome == Outcome.ABORTED
@@ -190,7 +190,11 @@ def test_practice_ends_with_an_abort_and_does_not_learn_from_it(make_practice: M
 def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unless_it_goes_on_after_aborts(
     make_practice: MakePractice,
 ) -> None:
-    weak = ("arm.effort_limit_nm=[0.1, 0.05]", "control.corridor_rad=3.0", "practice.first_duration_s=4.5")
+    weak = (
+        "arm.effort_limit_nm=[0.1, 0.05]",
+        "control.path_tolerance_rad=3.0",
+        "practice.first_duration_s=4.5",
+    )
     with pytest.raises(TrainingError, match=r"clipped, .* in 2193 of the 2251 ticks of RUN, which leaves 0"):
         make_practice(*weak).run()
     practice = make_practice(*weak, "practice.on_abort=continue", "practice.trials=2")
@@ -203,7 +207,7 @@ def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unles
 
 def test_practice_goes_on_after_an_abort_if_it_is_told_so(make_practice: MakePractice) -> None:
     practice = make_practice(
-        "control.corridor_rad=0.1",
+        "control.path_tolerance_rad=0.1",
         "practice.first_duration_s=4.5",
         "practice.on_abort=continue",
         "practice.trials=2",

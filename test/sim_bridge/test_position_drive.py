@@ -113,7 +113,7 @@ def test_an_arm_under_gravity_is_learned_through_its_drives() -> None:
 
 def test_a_trial_that_leaves_its_corridor_is_braked_through_set_points_that_do_not_jump() -> None:
     config = load_config(
-        CONFIG / "planar_arm.yaml", ["arm.command_interface=position", "control.corridor_rad=0.15"]
+        CONFIG / "planar_arm.yaml", ["arm.command_interface=position", "control.path_tolerance_rad=0.15"]
     )
     desired = sample(load_path(config.path, config.arm), 4.5, config.control.rate_hz)
     with OfflineArm(config) as arm:

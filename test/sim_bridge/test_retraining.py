@@ -33,7 +33,7 @@ RUNS = {
     "adaptive": (
         "planar_arm.yaml",
         *("practice.trials=4", "practice.tolerance_rad=0.001", "practice.step_tolerance_rad=0.5"),
-        *("control.corridor_rad=0.45", "practice.on_abort=continue"),
+        *("control.path_tolerance_rad=0.45", "practice.on_abort=continue"),
     ),
 }
 

@@ -56,7 +56,7 @@ class EpController:
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig | None = None) -> None:
         safety = safety or SafetyConfig()
-        self.limits = Limits.of(arm, control.corridor_rad)
+        self.limits = Limits.of(arm, control.path_tolerance_rad)
         self._configured = Springs.of(arm)
         self._springs = self._configured
         self._law = EpLaw(

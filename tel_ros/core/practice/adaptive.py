@@ -28,7 +28,7 @@ _LARGER = 2.0
 """A step may be this much larger than the one before it."""
 _LEAST_LIMIT = math.log(1.1)
 """So that one cautious step does not make all that follow it small."""
-_OUTLOOK_RATIO = 0.75
+_PREVIEW_RATIO = 0.75
 _SAME_EASE = 1.01
 _MOST_OPTIMISTIC = 0.3
 
@@ -55,7 +55,7 @@ class AdaptiveExtension:
     Args:
         practice: durations, tolerances, most trials.
         arm: effort limits.
-        corridor_rad: deviation at which a trial is aborted.
+        path_tolerance_rad: deviation at which a trial is aborted.
         course: the way to the goal; None: the configured one.
         first_index: number of its first trial; the network is as it was after the trial before that.
         first_ease: of its first movement; None: that of the course.
@@ -65,14 +65,14 @@ class AdaptiveExtension:
         self,
         practice: PracticeConfig,
         arm: ArmConfig,
-        corridor_rad: float,
+        path_tolerance_rad: float,
         *,
         course: Course | None = None,
         first_index: int = 1,
         first_ease: float | None = None,
     ) -> None:
         self._practice = practice
-        self._corridor_rad = corridor_rad
+        self._path_tolerance_rad = path_tolerance_rad
         self._course = course or Course.configured(practice)
         self._first_index = first_index
         self._first_ease = self._course.first_ease if first_ease is None else first_ease
@@ -93,7 +93,7 @@ class AdaptiveExtension:
         self._without_progress = 0
         self._repeated_once = False
 
-    def outlook(self) -> Sequence[Movement]:
+    def preview(self) -> Sequence[Movement]:
         """Return the movements that are still to come if every step is about a quarter of the ease.
 
         Before the first trial they lead to the goal, then they are no more than there are trials left.
@@ -101,7 +101,7 @@ class AdaptiveExtension:
         ease, goal = self._ease, self._course.goal_ease
         eases = [ease] if self._plan is None else []
         while ease > goal:
-            ease = max(goal, ease * _OUTLOOK_RATIO)
+            ease = max(goal, ease * _PREVIEW_RATIO)
             eases.append(ease)
         return [self._course.movement(ease) for ease in eases[: self.trials_left]]
 
@@ -150,7 +150,7 @@ class AdaptiveExtension:
         )
         if unlearned and self._course.deviates_with_ease:
             # Without a network the deviation is what the torques make it, and these go with 1/T².
-            self._safe_ease = ease * math.sqrt(last.max_error_rad / (0.5 * self._corridor_rad))
+            self._safe_ease = ease * math.sqrt(last.max_error_rad / (0.5 * self._path_tolerance_rad))
         hardest = self._hardest(forecast)
         at_goal = ease <= self._course.goal_ease
         # How fast the effort limits allow is foreseen a little differently after every trial.

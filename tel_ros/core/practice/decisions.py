@@ -94,7 +94,7 @@ class Ending:
 class Strategy(Protocol):
     """Decides after each trial what to do next. A state machine: no clock, no files, nothing random."""
 
-    def outlook(self) -> Sequence[Movement]:
+    def preview(self) -> Sequence[Movement]:
         """Return the movements that are still to come, this far as it looks now."""
         ...
 

@@ -28,7 +28,7 @@ class FixedSchedule:
         self._stop_on_abort = stop_on_abort
         self._done = 0
 
-    def outlook(self) -> Sequence[Movement]:
+    def preview(self) -> Sequence[Movement]:
         """Return the movements that are still to come."""
         return self._movements[self._done :]
 

@@ -13,9 +13,9 @@ from tel_ros.core.practice.subtasks import Subtasks, parts_of
 STRATEGIES: dict[str, Callable[[Config], Strategy]] = {
     "trajectory_extension": lambda config: trajectory_extension(config.practice),
     "adaptive_extension": lambda config: AdaptiveExtension(
-        config.practice, config.arm, config.control.corridor_rad
+        config.practice, config.arm, config.control.path_tolerance_rad
     ),
-    "subtasks": lambda config: Subtasks(config.practice, config.arm, config.control.corridor_rad),
+    "subtasks": lambda config: Subtasks(config.practice, config.arm, config.control.path_tolerance_rad),
     "direct": lambda config: direct(config.practice),
 }
 

@@ -44,20 +44,20 @@ class Subtasks:
     Args:
         practice: durations, tolerances, number of parts, most trials of all together.
         arm: effort limits.
-        corridor_rad: deviation at which a trial is aborted.
+        path_tolerance_rad: deviation at which a trial is aborted.
     """
 
-    def __init__(self, practice: PracticeConfig, arm: ArmConfig, corridor_rad: float) -> None:
-        self._practice, self._arm, self._corridor_rad = practice, arm, corridor_rad
+    def __init__(self, practice: PracticeConfig, arm: ArmConfig, path_tolerance_rad: float) -> None:
+        self._practice, self._arm, self._path_tolerance_rad = practice, arm, path_tolerance_rad
         self._stages = _stages(practice)
         self._current = 0
         self._stage = self._strategy(self._stages[0], first_index=1)
 
-    def outlook(self) -> Sequence[Movement]:
+    def preview(self) -> Sequence[Movement]:
         """Return the movements that are still to come, this far as it looks now."""
-        movements = list(self._stage.outlook())
+        movements = list(self._stage.preview())
         for stage in self._stages[self._current + 1 :]:
-            movements += self._strategy(stage, first_index=1).outlook()
+            movements += self._strategy(stage, first_index=1).preview()
         return movements[: self._stage.trials_left]
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
@@ -82,7 +82,7 @@ class Subtasks:
         return AdaptiveExtension(
             replace(self._practice, tolerance_rad=stage.tolerance_rad),
             self._arm,
-            self._corridor_rad,
+            self._path_tolerance_rad,
             course=stage.course,
             first_index=first_index,
             first_ease=stage.first_ease,

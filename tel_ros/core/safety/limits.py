@@ -24,24 +24,24 @@ class Limits:
         position_min_rad: shape (n_joints,).
         position_max_rad: shape (n_joints,).
         velocity_rad_s: shape (n_joints,).
-        corridor_rad: largest allowed distance of any joint from its desired position.
+        path_tolerance_rad: largest allowed distance of any joint from its desired position.
     """
 
     joints: tuple[str, ...]
     position_min_rad: FloatArray
     position_max_rad: FloatArray
     velocity_rad_s: FloatArray
-    corridor_rad: float
+    path_tolerance_rad: float
 
     @classmethod
-    def of(cls, arm: ArmConfig, corridor_rad: float) -> Limits:
+    def of(cls, arm: ArmConfig, path_tolerance_rad: float) -> Limits:
         """Return the limits of a configured arm whose empty fields have been filled from its URDF."""
         return cls(
             joints=arm.joints,
             position_min_rad=np.array(arm.position_min_rad),
             position_max_rad=np.array(arm.position_max_rad),
             velocity_rad_s=np.array(arm.velocity_limit_rad_s),
-            corridor_rad=corridor_rad,
+            path_tolerance_rad=path_tolerance_rad,
         )
 
     @cached_property
@@ -51,7 +51,7 @@ class Limits:
 
     def _is_inside(self, state: ArmState, desired_rad: FloatArray) -> bool:
         """Return whether all is well. In the control loop: so few numbers are compared faster one by one."""
-        corridor = self.corridor_rad
+        corridor = self.path_tolerance_rad
         positions, velocities = state.position_rad.tolist(), state.velocity_rad_s.tolist()
         for (low, high, fastest), q, v, wanted in zip(
             self._by_joint, positions, velocities, desired_rad.tolist(), strict=True
@@ -106,10 +106,10 @@ class Limits:
         error = np.abs(state.position_rad - desired_rad)
         speed = np.abs(state.velocity_rad_s)
         j = int(np.argmax(error))
-        if error[j] > self.corridor_rad:
+        if error[j] > self.path_tolerance_rad:
             return (
                 f"{self.joints[j]} is {error[j]:.3f} rad off its desired position "
-                f"(corridor {self.corridor_rad:.3f} rad)"
+                f"(corridor {self.path_tolerance_rad:.3f} rad)"
             )
         j = int(np.argmax(speed / self.velocity_rad_s))
         if speed[j] > self.velocity_rad_s[j]:

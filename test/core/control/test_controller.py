@@ -138,7 +138,7 @@ def test_the_arm_is_at_rest_at_the_start_posture_before_run_begins() -> None:
 @pytest.mark.parametrize("limit_nm", [(20.0, 20.0), (3.0, 1.5)])
 def test_the_effort_never_exceeds_the_limit(limit_nm: tuple[float, float]) -> None:
     bench = make_bench(
-        TwoLinkArm(q=AWAY), description={"effort_limit_nm": limit_nm}, control={"corridor_rad": 0.25}
+        TwoLinkArm(q=AWAY), description={"effort_limit_nm": limit_nm}, control={"path_tolerance_rad": 0.25}
     )
     bench.run(reach(duration_s=0.3))  # too fast for the weak arm: a stop is part of its course
     assert np.all(np.abs(bench.column("effort_nm")) <= limit_nm)

@@ -36,7 +36,7 @@ def stopped() -> Bench:
 
 
 def out_of_the_corridor() -> Bench:
-    bench = make_bench(control={"corridor_rad": 0.1})
+    bench = make_bench(control={"path_tolerance_rad": 0.1})
     bench.controller.start(loops(4.5))
     return bench
 

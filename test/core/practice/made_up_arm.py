@@ -14,13 +14,13 @@ from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedT
 from tel_ros.core.types import FloatArray
 
 
-def config_of(corridor_rad: float = 1.0, **practice: object) -> Config:
+def config_of(path_tolerance_rad: float = 1.0, **practice: object) -> Config:
     """Return a configuration with these values in its section ``practice``."""
     return Config(
         arm=arm_config(),
         path=PathConfig(name="planar_loops"),
         practice=PracticeConfig(**practice),  # type: ignore[arg-type]
-        control=ControlConfig(corridor_rad=corridor_rad),
+        control=ControlConfig(path_tolerance_rad=path_tolerance_rad),
     )
 
 

@@ -13,8 +13,8 @@ from tel_ros.core.practice.decisions import PlannedTrial, Strategy
 from tel_ros.core.practice.strategy import make_strategy
 
 
-def adaptive(corridor_rad: float = 1.0, **practice: object) -> Strategy:
-    return make_strategy(config_of(corridor_rad, strategy="adaptive_extension", **practice))
+def adaptive(path_tolerance_rad: float = 1.0, **practice: object) -> Strategy:
+    return make_strategy(config_of(path_tolerance_rad, strategy="adaptive_extension", **practice))
 
 
 def durations(plans: list[PlannedTrial]) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_an_arm_that_has_changed_is_not_driven_out_of_its_corridor_twice_in_a_ro
     when: int, abort_rad: float
 ) -> None:
     # The corridor in which the made-up arm aborts is three times its RMS error.
-    strategy = adaptive(corridor_rad=3.0 * abort_rad, trials=60)
+    strategy = adaptive(path_tolerance_rad=3.0 * abort_rad, trials=60)
     _, reports, ending = practise(
         strategy,
         MadeUpArm(growth_rad=0.1, abort_rad=abort_rad),
@@ -163,19 +163,19 @@ def test_it_ends_after_the_most_trials_and_says_how_far_it_came() -> None:
 
 def test_the_outlook_leads_to_the_goal_and_is_empty_there() -> None:
     strategy = adaptive()
-    first = [movement.duration_s for movement in strategy.outlook()]
+    first = [movement.duration_s for movement in strategy.preview()]
     assert first[0] == 11.5 and first[-1] == 4.5 and first == sorted(first, reverse=True)
     practise(strategy, MadeUpArm())
-    assert list(strategy.outlook()) == []
+    assert list(strategy.preview()) == []
 
 
 @pytest.mark.parametrize("strategy", ["adaptive_extension", "subtasks"])
 def test_the_outlook_has_no_more_than_the_trials_that_are_left_once_practice_has_begun(strategy: str) -> None:
     made, arm = make_strategy(config_of(strategy=strategy, trials=3)), MadeUpArm(growth_rad=0.4)
-    assert made.outlook()[-1].duration_s == 4.5, "what is checked before anything moves has the goal"
+    assert made.preview()[-1].duration_s == 4.5, "what is checked before anything moves has the goal"
     left, last = [], None
     while isinstance(plan := made.next(last, arm.forecast), PlannedTrial):
-        left.append(len(made.outlook()))
+        left.append(len(made.preview()))
         last = arm.execute(plan)
     assert left == [2, 1, 0]
 

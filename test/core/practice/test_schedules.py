@@ -27,12 +27,12 @@ def plans_of(*vary: str, **practice: object) -> list[PlannedTrial]:
         practice=PracticeConfig(vary=vary, **practice),  # type: ignore[arg-type]
     )
     strategy = make_strategy(config)
-    outlook, plans, last = strategy.outlook(), [], None
+    preview, plans, last = strategy.preview(), [], None
     while isinstance(decision := strategy.next(last, no_forecast), PlannedTrial):
         plans.append(decision)
         last = report_of(decision)
     assert decision == Ending("completed")
-    assert list(outlook) == [plan.movement for plan in plans]
+    assert list(preview) == [plan.movement for plan in plans]
     return plans
 
 

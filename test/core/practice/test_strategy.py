@@ -81,10 +81,10 @@ def test_direct_runs_every_trial_at_the_goal_speed(spacing: str) -> None:
 @pytest.mark.parametrize("strategy", SCHEDULES)
 def test_the_outlook_is_what_comes(strategy: str) -> None:
     made = make_strategy(config_of(strategy=strategy, trials=5))
-    before = list(made.outlook())
+    before = list(made.preview())
     first = made.next(None, no_forecast)
     assert isinstance(first, PlannedTrial)
-    assert [first.movement, *made.outlook()] == before
+    assert [first.movement, *made.preview()] == before
     assert [
         plan.movement for plan in practise(make_strategy(config_of(strategy=strategy, trials=5)))[0]
     ] == before

@@ -148,16 +148,16 @@ def test_cancelling_ends_practice() -> None:
 def test_the_outlook_has_all_stages_and_shrinks() -> None:
     strategy, arm = subtasks(parts=2), easy()
     stretches = [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0)]
-    outlook = strategy.outlook()
-    assert list(dict.fromkeys((m.start, m.end) for m in outlook)) == stretches
-    assert outlook[0] == Movement(11.5)
-    assert outlook[-1] == Movement(4.5)
+    preview = strategy.preview()
+    assert list(dict.fromkeys((m.start, m.end) for m in preview)) == stretches
+    assert preview[0] == Movement(11.5)
+    assert preview[-1] == Movement(4.5)
     for start, end in stretches[1:]:
-        assert Movement(4.5, start=start, end=end) in outlook
-    n = len(outlook)
+        assert Movement(4.5, start=start, end=end) in preview
+    n = len(preview)
     plan = strategy.next(None, arm.forecast)
     assert isinstance(plan, PlannedTrial)
-    assert len(strategy.outlook()) == n - 1
+    assert len(strategy.preview()) == n - 1
 
 
 def test_parts_and_the_known_path_go_further_than_the_goal_alone() -> None:

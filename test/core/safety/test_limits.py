@@ -13,7 +13,7 @@ from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 
 LIMITS = Limits.of(
     arm_config(position_min_rad=(-1.0, 0.0), position_max_rad=(1.5, 2.0), velocity_limit_rad_s=(2.0, 3.0)),
-    corridor_rad=0.4,
+    path_tolerance_rad=0.4,
 )
 
 

@@ -9,7 +9,7 @@ from tel_ros.recording import topics
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
-class Rivals:
+class CompetingPublishers:
     """Looks for others who command the arm, and for a second publisher that speaks for it.
 
     A publisher whose node is not known yet is not counted.

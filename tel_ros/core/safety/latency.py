@@ -5,16 +5,16 @@ from __future__ import annotations
 from tel_ros.core.types import NS_PER_S
 
 
-class Lateness:
+class Latency:
     """Tells by how much longer than the fastest ones a state was on its way.
 
     The difference between the time of arrival and the stamp is the time on the way plus a constant, by which
     the two clocks differ. Its minimum so far belongs to the fastest state; what a state has more than that is
-    its lateness. A stamp that goes back is of a clock that was set, or of another source: the minimum counts
+    its latency. A stamp that goes back is of a clock that was set, or of another source: the minimum counts
     anew from there.
 
     Clocks drift, and a minimum that never rose would take a slow clock for states that come later and later.
-    So it rises by a share of the time that passes. A lateness that grows no faster than that goes unseen,
+    So it rises by a share of the time that passes. A latency that grows no faster than that goes unseen,
     and one that stays is forgotten at that rate.
 
     Args:

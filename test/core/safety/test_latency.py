@@ -10,7 +10,7 @@ from two_link import Bench, TwoLinkArm, arm_config, loops, make_bench
 
 from tel_ros.core.config import SafetyConfig
 from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick
-from tel_ros.core.safety.lateness import Lateness
+from tel_ros.core.safety.latency import Latency
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S
 
@@ -19,52 +19,52 @@ EPOCH_NS = 1_790_000_000 * NS_PER_S
 """An arm stamps with the time of day, this machine counts from when it was switched on."""
 
 
-def heard(lateness: Lateness, on_the_way_ms: list[float], first_ms: float = 0.0) -> np.ndarray:
+def heard(latency: Latency, on_the_way_ms: list[float], first_ms: float = 0.0) -> np.ndarray:
     """Return how late states are, in ms, that are measured every 2 ms and are on their way for so long."""
     stamps_ms = first_ms + 2.0 * np.arange(len(on_the_way_ms))
     arrivals_ms = stamps_ms + np.array(on_the_way_ms)
     return np.array(
         [
-            1e3 * lateness.of(EPOCH_NS + round(s * MS), 5 * NS_PER_S + round(a * MS))
+            1e3 * latency.of(EPOCH_NS + round(s * MS), 5 * NS_PER_S + round(a * MS))
             for s, a in zip(stamps_ms, arrivals_ms, strict=True)
         ]
     )
 
 
 def test_a_state_is_late_by_what_it_took_longer_than_the_fastest_one_so_far() -> None:
-    late_ms = heard(Lateness(0.0), [1.0, 1.5, 0.5, 20.5, 0.7])
+    late_ms = heard(Latency(0.0), [1.0, 1.5, 0.5, 20.5, 0.7])
     np.testing.assert_allclose(late_ms, [0.0, 0.5, 0.0, 20.0, 0.2], atol=1e-3)
 
 
 def test_after_stamps_that_go_back_lateness_counts_anew() -> None:
-    lateness = Lateness(0.0)
-    heard(lateness, [1.0, 1.0])
-    set_back = heard(lateness, [31.0, 31.0, 41.0], first_ms=-500.0)
+    latency = Latency(0.0)
+    heard(latency, [1.0, 1.0])
+    set_back = heard(latency, [31.0, 31.0, 41.0], first_ms=-500.0)
     np.testing.assert_allclose(set_back, [0.0, 0.0, 10.0], atol=1e-3)
 
 
 def test_stamps_that_jump_forward_make_nothing_late() -> None:
-    lateness = Lateness(0.0)
-    heard(lateness, [1.0, 1.0])
-    np.testing.assert_allclose(heard(lateness, [1.0, 1.0], first_ms=3.6e6), 0.0, atol=1e-3)
+    latency = Latency(0.0)
+    heard(latency, [1.0, 1.0])
+    np.testing.assert_allclose(heard(latency, [1.0, 1.0], first_ms=3.6e6), 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("drift", [-0.0005, 0.0005])
 def test_a_clock_that_drifts_by_less_than_is_allowed_never_makes_states_late(drift: float) -> None:
-    lateness = Lateness(0.001)
-    late_s = [lateness.of(EPOCH_NS + round((1.0 - drift) * k * 2 * MS), k * 2 * MS) for k in range(30_000)]
+    latency = Latency(0.001)
+    late_s = [latency.of(EPOCH_NS + round((1.0 - drift) * k * 2 * MS), k * 2 * MS) for k in range(30_000)]
     assert max(late_s) < 1e-5
 
 
 def test_states_that_stay_late_are_taken_for_punctual_as_slowly_as_a_clock_may_drift() -> None:
-    lateness = Lateness(0.001)
-    late_ms = heard(lateness, [1.0, *([41.0] * 5000)])
+    latency = Latency(0.001)
+    late_ms = heard(latency, [1.0, *([41.0] * 5000)])
     assert late_ms[1] == pytest.approx(40.0, abs=0.1)
     assert late_ms[-1] == pytest.approx(30.0, abs=0.1)
 
 
 def test_with_a_simulator_that_is_slower_than_real_time_nothing_is_late_if_that_is_configured() -> None:
-    half_speed = Lateness(1.0)
+    half_speed = Latency(1.0)
     assert max(half_speed.of(k * MS, EPOCH_NS + k * 2 * MS) for k in range(1000)) == 0.0
 
 
