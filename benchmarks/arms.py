@@ -18,8 +18,8 @@ from practice_records import duration_at_effort_share, fastest_by_speed_s
 from sim_bridge.exact_model import ExactInverseDynamics
 from sim_bridge.offline import OfflinePractice, PractisedTrial
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.practice.decisions import Ending
+from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

@@ -27,8 +27,8 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
 from tel_ros.app.bring_up import node_names
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.trial import Outcome
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.run_folder import read_summary, trial_bag
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial

@@ -25,7 +25,7 @@ import numpy as np
 from fault_body import GIVEN_BACK, Body
 from fault_kinds import Expectation
 
-from tel_ros.core.control.records import Phase
+from tel_ros.core.trial import Phase
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 REACTION_LIMIT_S = 0.1

@@ -183,9 +183,9 @@ def planar_practice(
         other_paths_s: durations of trials on other closed paths in the same region; all are held out.
     """
     from sim_bridge.offline import OfflineArm
-    from tel_ros.core.control.records import Outcome, TrialGoal
     from tel_ros.core.learning.inputs import query_inputs
     from tel_ros.core.learning.signals import training_samples
+    from tel_ros.core.trial import Outcome, TrialGoal
     from tel_ros.recording.config_file import load_config
     from tel_ros.recording.waypoint_file import load_path
 

@@ -19,10 +19,10 @@ from typing import Any
 from sim_bridge.exact_model import ExactInverseDynamics
 from sim_bridge.offline import OfflinePractice, PractisedTrial
 from tel_ros.core.config import Config, SimConfig
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.decisions import PlannedTrial
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

@@ -10,10 +10,10 @@ from scipy.optimize import brentq
 from sim_bridge.exact_model import ExactInverseDynamics
 from sim_bridge.offline import OfflineArm, OfflineTrial, PractisedTrial
 from tel_ros.core.config import ArmConfig, Config
-from tel_ros.core.control.records import Outcome, Phase, TrialGoal, TrialReport
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trial import Outcome, Phase, TrialGoal, TrialReport
 
 _SLOWEST_S = 60.0
 _POINTS = 400

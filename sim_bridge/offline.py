@@ -16,10 +16,9 @@ from typing import Self
 import numpy as np
 
 from sim_bridge.arm import SimulatedArm
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.control.records import ArmState, Tick, TrialGoal, TrialReport
-from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
@@ -32,8 +31,10 @@ from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
+from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Tick, TrialGoal, TrialReport
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
 
@@ -44,7 +45,7 @@ class OfflineTrial:
     Args:
         report: how it went.
         time_ns: stamps of the states that were answered. Shape (n,).
-        phase: numbers of :class:`~tel_ros.core.control.records.Phase`. Shape (n,).
+        phase: numbers of :class:`~tel_ros.core.trial.Phase`. Shape (n,).
         desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
         equilibrium_rad: û. Shape (n, n_joints).
         position_rad: ŷ as measured. Shape (n, n_joints).

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from tel_ros.app.figure_export import BLUE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, SOFT
 from tel_ros.app.figures import DOTS, draw_limit, legend_below, mark_saturated
-from tel_ros.core.control.records import Phase
+from tel_ros.core.trial import Phase
 from tel_ros.core.types import BoolArray, FloatArray
 from tel_ros.recording.joint_states import RecordedStates
 from tel_ros.recording.trial_bag import RecordedTrial

@@ -18,13 +18,13 @@ from tel_ros.core.comparison.feedforward import Feedforward
 from tel_ros.core.comparison.method import Method
 from tel_ros.core.comparison.results import MethodRun, TrialResult
 from tel_ros.core.config import ArmConfig, Config
-from tel_ros.core.control.records import Outcome, TrialGoal, TrialReport
 from tel_ros.core.errors import ConfigError, TelError, TrainingError
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.random_path import random_smooth_path
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from tel_interfaces.action import Practice
 
-from tel_ros.core.control.records import Outcome
+from tel_ros.core.trial import Outcome
 
 
 class ProgressView:

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
+from tel_ros.core.trial import LoopTiming, Outcome
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tel_ros.core.control.records import Outcome, TrialReport
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.nodes.diagnostics import Health, Level
 from tel_ros.recording import topics
 

@@ -12,10 +12,11 @@ from tel_interfaces.msg import ControlState, TrialResult
 from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tel_ros.core.control.records import ArmState, TrialGoal, TrialReport
-from tel_ros.core.control.springs import Springs
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.recording.trial_timing import timing_fields
 

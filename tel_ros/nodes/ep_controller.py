@@ -12,12 +12,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from tel_interfaces.msg import ControlState
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.control.records import ArmState, Tick, TrialGoal
 from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.latency import Latency
+from tel_ros.core.trial import Tick, TrialGoal
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.competing_publishers import CompetingPublishers

@@ -9,8 +9,9 @@ from __future__ import annotations
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
-from tel_ros.core.control.records import ArmState, Tick
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import StateError
+from tel_ros.core.trial import Tick
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes.conversions import answering_label
 from tel_ros.recording.fixed_layout import (

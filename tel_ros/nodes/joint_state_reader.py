@@ -8,8 +8,8 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.control.velocity import MissingVelocities, VelocityEstimator
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.plausible import Plausibility

@@ -27,15 +27,15 @@ from tel_interfaces.srv import (
     TrainOnTrials,
 )
 
-from tel_ros.core.control.records import Outcome
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Outcome
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import (
     desired_message,

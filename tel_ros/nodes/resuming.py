@@ -9,8 +9,8 @@ import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import BagError
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.recording import topics

@@ -13,8 +13,8 @@ from tel_interfaces.msg import TrialResult
 
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.control.records import Outcome, TrialGoal, TrialReport
 from tel_ros.core.errors import TelError, TrajectoryError
+from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.nodes.conversions import to_goal, to_result_message
 from tel_ros.recording import topics
 from tel_ros.recording.trial_timing import timing_fields

@@ -13,8 +13,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.trial import Outcome
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag, reading

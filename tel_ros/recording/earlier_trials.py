@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import Learner
@@ -23,6 +22,7 @@ from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedT
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.recording.network_file import load_network, save_network
 from tel_ros.recording.retraining import learned_from
 from tel_ros.recording.run_folder import (

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.practice.decisions import Ending
+from tel_ros.core.trial import Outcome
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.earlier_trials import earlier_trials

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Self
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import TrialReport
 from tel_ros.core.practice.decisions import Forecaster, Strategy
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trial import TrialReport
 from tel_ros.recording.summary import TrialRow
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import TrialReport
 from tel_ros.core.practice.decisions import PlannedTrial
+from tel_ros.core.trial import TrialReport
 from tel_ros.recording.config_file import to_plain
 from tel_ros.recording.run_folder import write_summary
 

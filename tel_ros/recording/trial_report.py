@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.errors import BagError
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.trial_bag import read_topic

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from tel_ros.core.control.loop_timing import LoopTiming
+from tel_ros.core.trial import LoopTiming
 
 TIMING_FIELDS = (
     "state_rate_hz",

@@ -16,7 +16,7 @@ from made_up_run import MakeRun, Trial, trials, write_run  # noqa: E402
 
 from tel_ros.app.report import write_report  # noqa: E402
 from tel_ros.app.report_data import RunData, read_run  # noqa: E402
-from tel_ros.core.control.records import Outcome  # noqa: E402
+from tel_ros.core.trial import Outcome  # noqa: E402
 
 
 @pytest.fixture

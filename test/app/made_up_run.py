@@ -12,9 +12,8 @@ import numpy as np
 
 import sim_bridge
 from tel_ros.core.config import ArmConfig, Config, PathConfig, PracticeConfig
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.records import Outcome, Phase, TrialReport
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.trial import LoopTiming, Outcome, Phase, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter

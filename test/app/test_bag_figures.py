@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tel_ros.app.bag_figures import states_figure, thinned, trial_figure
 from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, figure_style
-from tel_ros.core.control.records import Outcome, Phase
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording.joint_states import RecordedStates
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 

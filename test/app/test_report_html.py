@@ -15,9 +15,8 @@ from made_up_run import MakeRun, Trial, trials
 
 from tel_ros.app.report import write_report
 from tel_ros.app.report_data import read_run
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.trial import LoopTiming, Outcome
 
 
 class Page(HTMLParser):

@@ -14,7 +14,7 @@ from tel_ros.app.figure_export import figure_style
 from tel_ros.app.report_data import read_run
 from tel_ros.app.runs_figures import MOST_RUNS, errors_figure, last_trials_figure
 from tel_ros.app.runs_report import differences
-from tel_ros.core.control.records import Outcome
+from tel_ros.core.trial import Outcome
 
 
 def report(*arguments: object) -> Result:

@@ -24,7 +24,7 @@ from fault_judge import (  # noqa: E402
     largest_work_from,
 )
 
-from tel_ros.core.control.records import Phase  # noqa: E402
+from tel_ros.core.trial import Phase  # noqa: E402
 
 PERIOD_S = 0.004
 N = 500

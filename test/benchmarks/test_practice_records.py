@@ -16,9 +16,9 @@ from practice_records import duration_at_effort_share, effort_share, excursion_r
 
 from sim_bridge.exact_model import ExactInverseDynamics  # noqa: E402
 from sim_bridge.offline import OfflineArm, OfflineTrial  # noqa: E402
-from tel_ros.core.control.records import Outcome, Phase, TrialGoal  # noqa: E402
 from tel_ros.core.trajectories.paths import NAMED_PATHS  # noqa: E402
 from tel_ros.core.trajectories.sampling import sample  # noqa: E402
+from tel_ros.core.trial import Outcome, Phase, TrialGoal  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 
 CONFIG = load_config(ROOT / "config" / "planar_arm.yaml", ["control.path_tolerance_rad=0.15"])

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from two_link import Bench, TwoLinkArm, loops, make_bench  # noqa: E402
 
-from tel_ros.core.control.records import Outcome, Phase  # noqa: E402
 from tel_ros.core.learning.signals import TrialSignals  # noqa: E402
+from tel_ros.core.trial import Outcome, Phase  # noqa: E402
 
 
 @pytest.fixture(scope="session")

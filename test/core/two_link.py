@@ -8,11 +8,12 @@ from math import cos, sin
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.control.records import ArmState, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path, waypoint_path
 from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trial import Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 RATE_HZ = 500.0

@@ -10,8 +10,8 @@ from graph_harness import ROOT, TelProcess, summary_of
 from sim_bridge.offline import OfflinePractice
 from tel_ros.app.report_data import read_run
 from tel_ros.app.report_theory import run_theory
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.practice.decisions import Ending
+from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.new_network import new_network

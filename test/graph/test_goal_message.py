@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.nodes.conversions import to_goal, to_goal_message

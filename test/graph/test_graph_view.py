@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from tel_interfaces.msg import ControlState
 
 from tel_ros.app.view.graph import GraphView
-from tel_ros.core.control.records import Phase
+from tel_ros.core.trial import Phase
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config

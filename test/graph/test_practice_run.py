@@ -16,7 +16,7 @@ import pytest
 from graph_harness import PATIENT, QUICK, TelProcess, summary_of, wait_until
 from rosbags.highlevel import AnyReader
 
-from tel_ros.core.control.records import Outcome
+from tel_ros.core.trial import Outcome
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.trial_bag import read_trial

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "sim_bridge"))
 
 from recorded_run import record_run  # noqa: E402
 
+from tel_ros.core.arm_state import ArmState  # noqa: E402
 from tel_ros.core.control.controller import EpController  # noqa: E402
-from tel_ros.core.control.records import ArmState  # noqa: E402
 from tel_ros.core.errors import BagError  # noqa: E402
 from tel_ros.nodes.conversions import to_goal  # noqa: E402
 from tel_ros.nodes.resuming import replay_control  # noqa: E402

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from tel_ros.core.config import RecordingConfig
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.records import Phase
+from tel_ros.core.trial import LoopTiming, Phase
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter

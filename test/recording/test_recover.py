@@ -15,8 +15,8 @@ from rosbags.highlevel import AnyReader
 from synthetic_trial import METADATA, PERIOD_NS, SyntheticTrial
 
 from tel_ros.core.config import RecordingConfig
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import BagError
+from tel_ros.core.trial import Outcome
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, TrialBagWriter

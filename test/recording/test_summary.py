@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.trial import LoopTiming, Outcome, TrialReport
 from tel_ros.recording.config_file import to_plain
 from tel_ros.recording.run_folder import read_summary
 from tel_ros.recording.summary import RunSummary, TrialRow

@@ -13,9 +13,9 @@ from rosbags.typesys.store import Typestore
 from synthetic_trial import JOINTS, METADATA, SyntheticTrial
 
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome, Phase
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import BagError
+from tel_ros.core.springs import Springs
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, TrialBagWriter
 from tel_ros.recording.config_file import dump_config

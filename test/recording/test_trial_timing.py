@@ -9,7 +9,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from synthetic_trial import SyntheticTrial
 
-from tel_ros.core.control.loop_timing import LoopTiming
+from tel_ros.core.trial import LoopTiming
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import TrialBagWriter
 from tel_ros.recording.message_types import typestore

@@ -16,11 +16,11 @@ from synthetic_trial import message, stamp  # noqa: E402
 from sim_bridge.arm import ArmReading  # noqa: E402
 from sim_bridge.offline import OfflinePractice, PractisedTrial  # noqa: E402
 from tel_ros.core.config import Config  # noqa: E402
-from tel_ros.core.control.springs import Springs  # noqa: E402
 from tel_ros.core.practice.decisions import PlannedTrial  # noqa: E402
 from tel_ros.core.practice.lock_up import LockUpMonitor  # noqa: E402
 from tel_ros.core.practice.movement_path import command, desired_trajectory  # noqa: E402
 from tel_ros.core.practice.strategy import make_strategy  # noqa: E402
+from tel_ros.core.springs import Springs  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.bag_writer import TrialBagWriter  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim_bridge.offline import OfflinePractice
-from tel_ros.core.control.records import Outcome, Phase
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

@@ -18,9 +18,10 @@ from tel_interfaces.action import Practice
 from tel_interfaces.msg import ControlState, TrialGoal
 
 from tel_ros.app.view.live_trial import Sample
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import ArmState, Phase
 from tel_ros.core.errors import StateError
+from tel_ros.core.trial import Phase
 from tel_ros.nodes import qos
 from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
 from tel_ros.nodes.joint_state_reader import JointStateReader

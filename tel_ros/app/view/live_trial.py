@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tel_ros.app.view.grid_series import GridSeries
-from tel_ros.core.control.records import Phase, TrialGoal
 from tel_ros.core.kinematics import SerialChain
+from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.core.types import FloatArray
 
 PATH_POINTS = 200

@@ -26,8 +26,8 @@ from tel_ros.app.view.server import open_server
 from tel_ros.app.view.status import Status
 from tel_ros.app.view.viewpoint import viewpoint
 from tel_ros.core.config import Config
-from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import TelError
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.nodes.hot_loop import serve_ready
 from tel_ros.recording.config_file import load_config

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from tel_ros.app.view.history import number
-from tel_ros.core.control.records import Phase
+from tel_ros.core.trial import Phase
 
 SILENCE_S = 1.0
 """Without a joint state for this long, the picture is said to be old."""

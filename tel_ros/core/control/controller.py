@@ -6,21 +6,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.brake import SpringBrake
 from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.control.load import HoldingLoad
-from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.control.set_point import SetPointGuard
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.control.tracking import TrackingScore
 from tel_ros.core.errors import EffortError, TrajectoryError
 from tel_ros.core.safety.late_states import LEAST_SHARE
 from tel_ros.core.safety.layer import Permitted, SafetyLayer
 from tel_ros.core.safety.limits import Limits
 from tel_ros.core.safety.state_age import StateAge
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
+from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 SHORTEST_APPROACH_S = 0.5

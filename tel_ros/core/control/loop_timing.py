@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from tel_ros.core.trial import LoopTiming
 from tel_ros.core.types import NS_PER_S, IntArray
 
 RATE_TOLERANCE = 0.02
@@ -23,33 +24,6 @@ LATE_PERIODS = 0.5
 half a period late, which is the lag that a sampled loop has anyway."""
 LONGEST_GAP_S = 0.02
 """A single state later than this is warned about: the age at which ``tel check`` calls a state stale."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoopTiming:
-    """Figures of one trial, over the joint states that were answered.
-
-    Args:
-        state_rate_hz: of the states as they arrived, by the controller's monotonic clock.
-        stamp_rate_hz: of the states by their own stamps.
-        jitter_p50_s: median deviation of the time between two arrivals from the period.
-        jitter_p99_s: 99th percentile of it.
-        jitter_max_s: the largest.
-        response_p99_s: from taking a state to having sent the command, 99th percentile.
-        response_max_s: the longest.
-        missed_ticks: periods without an answered state: see :func:`missed_ticks`.
-        warning: what is bad about them, in one line; empty: nothing.
-    """
-
-    state_rate_hz: float
-    stamp_rate_hz: float
-    jitter_p50_s: float
-    jitter_p99_s: float
-    jitter_max_s: float
-    response_p99_s: float
-    response_max_s: float
-    missed_ticks: int
-    warning: str = ""
 
 
 def missed_ticks(stamps_ns: IntArray, rate_hz: float) -> int:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tel_ros.core.control.records import Phase
 from tel_ros.core.learning.signals import TrialSignals
+from tel_ros.core.trial import Phase
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 _LONGEST_STEP_NS = NS_PER_S

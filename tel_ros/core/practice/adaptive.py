@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tel_ros.core.config import ArmConfig, PracticeConfig
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
 from tel_ros.core.practice.effort_limit import EffortLimit
+from tel_ros.core.trial import Outcome, TrialReport
 
 _BISECTIONS = 6
 _EASIER_AFTER_ABORT = math.sqrt(2.0)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from tel_ros.core.control.records import TrialReport
+from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import FloatArray
 
 

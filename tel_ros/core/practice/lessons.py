@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from tel_ros.core.control.records import Outcome
+from tel_ros.core.trial import Outcome
 
 
 def is_learned_from(outcome: Outcome, reached_run: bool, on_abort: Literal["stop", "continue"]) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.decisions import Movement
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tel_ros.core.config import PracticeConfig
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
 
 

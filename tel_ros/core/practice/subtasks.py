@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tel_ros.core.config import ArmConfig, PracticeConfig
-from tel_ros.core.control.records import TrialReport
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
+from tel_ros.core.trial import TrialReport
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tel_ros.core.control.records import ArmState
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.effort_range import EffortRange
 from tel_ros.core.safety.effort_rate import EffortRate

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.brake import SpringBrake
 from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.control.load import HoldingLoad
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.control.rest import RestDetector
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import EffortError
 from tel_ros.core.safety.finite import require_finite
 from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 

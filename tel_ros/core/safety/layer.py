@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import EffortError
 from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.drive_response import DriveResponse

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.control.records import ArmState, TrialGoal, require_joint_count
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trial import TrialGoal, require_joint_count
 from tel_ros.core.types import FloatArray
 
 _WAY_BACK_MARGIN_RAD = 0.02

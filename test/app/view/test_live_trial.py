@@ -10,9 +10,9 @@ from tel_ros.app.view.history import KEPT_PATHS, EndedTrial, History
 from tel_ros.app.view.live_trial import MEASURED_POINTS, PATH_POINTS, LiveTrial, Sample
 from tel_ros.app.view.status import Status, status_html
 from tel_ros.app.view.viewpoint import viewpoint
-from tel_ros.core.control.records import Phase, TrialGoal
 from tel_ros.core.kinematics import ChainJoint, SerialChain
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Phase, TrialGoal
 
 SCRIPT = "<img src=x onerror=alert(1)>"
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm, loops, make_bench, reach
 
-from tel_ros.core.control.records import Outcome, Phase
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.core.types import NS_PER_S
 
 COURSE = [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]

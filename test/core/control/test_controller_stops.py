@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm, loops, make_bench, reach
 
-from tel_ros.core.control.records import ArmState, Outcome, Phase
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.core.types import NS_PER_S
 
 COURSE = [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.control.loop_timing import LoopTimer, LoopTiming, missed_ticks
+from tel_ros.core.control.loop_timing import LoopTimer, missed_ticks
+from tel_ros.core.trial import LoopTiming
 
 RATE_HZ = 500.0
 PERIOD_NS = 2_000_000

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from two_link import arm_config, loops, make_bench, reach
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.control.records import ArmState, Outcome, Phase
 from tel_ros.core.control.set_point import SetPointGuard
-from tel_ros.core.control.springs import Springs
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.springs import Springs
+from tel_ros.core.trial import Outcome, Phase
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 PERIOD_NS = 2_000_000

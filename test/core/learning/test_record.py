@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.control.records import Phase
 from tel_ros.core.learning.record import learning_record
 from tel_ros.core.learning.signals import TrialSignals, training_samples
+from tel_ros.core.trial import Phase
 from tel_ros.core.types import FloatArray, IntArray
 
 PERIOD_NS = 2_000_000

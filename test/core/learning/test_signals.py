@@ -10,9 +10,9 @@ import pytest
 from two_link import Bench, TwoLinkArm, loops, make_bench
 
 from tel_ros.core.config import LearningConfig
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.signals import TrialSignals, configured_samples, training_samples
+from tel_ros.core.trial import Outcome
 
 Record = Callable[..., TrialSignals]
 DT_S = 0.002

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_up_arm import MadeUpArm, config_of, practise
 
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.practice.decisions import PlannedTrial, Strategy
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trial import Outcome
 
 
 def adaptive(path_tolerance_rad: float = 1.0, **practice: object) -> Strategy:

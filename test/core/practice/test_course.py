@@ -11,11 +11,11 @@ import pytest
 from made_up_arm import MadeUpArm, config_of, practise, report_of
 
 from tel_ros.core.config import Config, ControlConfig, PathConfig, PracticeConfig
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
+from tel_ros.core.trial import Outcome
 
 VARIED = ("speed", "amplitude", "shape", "stiffness")
 ORDERS = [order for n in (1, 2, 4) for order in itertools.permutations(VARIED, n)]

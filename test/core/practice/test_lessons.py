@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tel_ros.core.control.records import Outcome
 from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
+from tel_ros.core.trial import Outcome
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_up_arm import config_of, report_of
 
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.trial import Outcome, TrialReport
 
 SCHEDULES = ["trajectory_extension", "direct"]
 

@@ -9,12 +9,12 @@ import pytest
 from made_up_arm import MadeUpArm, config_of, practise, report_of
 
 from tel_ros.core.config import PracticeConfig
-from tel_ros.core.control.records import Outcome, TrialReport
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy, movements_to_cover
 from tel_ros.core.practice.subtasks import Subtasks
 from tel_ros.core.trajectories.paths import NAMED_PATHS
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from two_link import TwoLinkArm, arm_config
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.layer import SafetyLayer
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from two_link import arm_config
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.safety.free_zone import FreeZone
 from tel_ros.core.safety.layer import SafetyLayer
 

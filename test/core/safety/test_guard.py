@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm, arm_config, make_bench, reach
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ControlConfig, SafetyConfig
-from tel_ros.core.control.records import ArmState, Phase
 from tel_ros.core.safety.guard import CommandGuard
+from tel_ros.core.trial import Phase
 
 PERIOD_NS = 2_000_000
 

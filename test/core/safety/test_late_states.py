@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from two_link import arm_config, loops, make_bench
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.control.records import ArmState, Phase
 from tel_ros.core.safety.late_states import share_of_effort
 from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.trial import Phase
 
 MS = 1_000_000
 

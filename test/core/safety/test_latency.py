@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm, arm_config, loops, make_bench
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.control.records import ArmState, Outcome, Phase, Tick
 from tel_ros.core.safety.latency import Latency
 from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.trial import Outcome, Phase, Tick
 from tel_ros.core.types import NS_PER_S
 
 MS = 1_000_000

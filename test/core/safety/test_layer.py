@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from two_link import arm_config
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.control.records import ArmState
 from tel_ros.core.errors import ConfigError, EffortError
 from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.layer import SafetyLayer

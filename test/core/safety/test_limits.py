@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from two_link import arm_config, reach
 
-from tel_ros.core.control.records import ArmState, TrialGoal
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.safety.limits import Limits
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import TrialGoal
 
 LIMITS = Limits.of(
     arm_config(position_min_rad=(-1.0, 0.0), position_max_rad=(1.5, 2.0), velocity_limit_rad_s=(2.0, 3.0)),

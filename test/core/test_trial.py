@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from two_link import reach
 
-from tel_ros.core.control.records import ArmState, TrialGoal
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.trial import TrialGoal
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from two_link import TwoLinkArm, arm_config, make_bench, reach
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.ep_law import EpLaw
-from tel_ros.core.control.records import ArmState, Outcome, Phase, TrialGoal
-from tel_ros.core.control.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
+from tel_ros.core.trial import Outcome, Phase, TrialGoal
 
 CONFIGURED = Springs.of(arm_config())
 AWAY = (1.2, 0.8)

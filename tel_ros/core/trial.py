@@ -1,15 +1,13 @@
-"""What goes into the control loop and what comes out of it."""
+"""One trial: what is asked of the arm, what the controller did with each state, and how it went."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, NamedTuple
 
-from tel_ros.core.control.loop_timing import LoopTiming
-from tel_ros.core.control.springs import Springs
-from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
 from tel_ros.core.types import BoolArray, FloatArray
 
@@ -32,36 +30,6 @@ class Outcome(IntEnum):
     ABORTED = 1
     CANCELLED = 2
     REFUSED = 3
-
-
-@dataclass(frozen=True)
-class ArmState:
-    """One measured state. Arrays of shape (n_joints,).
-
-    Args:
-        time_ns: when it was measured.
-        position_rad: as measured.
-        velocity_rad_s: as measured.
-        age_s: how late it has come (:class:`~tel_ros.core.safety.latency.Latency`); 0 where none can tell.
-        effort_nm: what the motors are said to have exerted until then; None: nothing is said.
-
-    Raises:
-        StateError: a value is not finite.
-    """
-
-    time_ns: int
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    age_s: float = 0.0
-    effort_nm: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.
-        if not math.isfinite(sum(self.position_rad.tolist()) + sum(self.velocity_rad_s.tolist())):
-            raise StateError(
-                f"the joint state has position {self.position_rad.tolist()} rad and velocity "
-                f"{self.velocity_rad_s.tolist()} rad/s; expected finite numbers"
-            )
 
 
 @dataclass(frozen=True)
@@ -104,6 +72,33 @@ class Tick(NamedTuple):
     def command(self, interface: Literal["effort", "position"]) -> FloatArray:
         """Return what the arm gets: efforts in N·m, or equilibrium points in rad. Shape (n_joints,)."""
         return self.effort_nm if interface == "effort" else self.equilibrium_rad
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopTiming:
+    """Figures of one trial, over the joint states that were answered.
+
+    Args:
+        state_rate_hz: of the states as they arrived, by the controller's monotonic clock.
+        stamp_rate_hz: of the states by their own stamps.
+        jitter_p50_s: median deviation of the time between two arrivals from the period.
+        jitter_p99_s: 99th percentile of it.
+        jitter_max_s: the largest.
+        response_p99_s: from taking a state to having sent the command, 99th percentile.
+        response_max_s: the longest.
+        missed_ticks: periods without an answered state: see ``control.loop_timing.missed_ticks``.
+        warning: what is bad about them, in one line; empty: nothing.
+    """
+
+    state_rate_hz: float
+    stamp_rate_hz: float
+    jitter_p50_s: float
+    jitter_p99_s: float
+    jitter_max_s: float
+    response_p99_s: float
+    response_max_s: float
+    missed_ticks: int
+    warning: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,39 @@
+"""One measured state of the arm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tel_ros.core.errors import StateError
+from tel_ros.core.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """One measured state. Arrays of shape (n_joints,).
+
+    Args:
+        time_ns: when it was measured.
+        position_rad: as measured.
+        velocity_rad_s: as measured.
+        age_s: how late it has come (:class:`~tel_ros.core.safety.latency.Latency`); 0 where none can tell.
+        effort_nm: what the motors are said to have exerted until then; None: nothing is said.
+
+    Raises:
+        StateError: a value is not finite.
+    """
+
+    time_ns: int
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    age_s: float = 0.0
+    effort_nm: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.
+        if not math.isfinite(sum(self.position_rad.tolist()) + sum(self.velocity_rad_s.tolist())):
+            raise StateError(
+                f"the joint state has position {self.position_rad.tolist()} rad and velocity "
+                f"{self.velocity_rad_s.tolist()} rad/s; expected finite numbers"
+            )
