@@ -1,48 +1,38 @@
-"""The command ``tel``."""
+"""The command ``tel``: its commands, and one exit for whatever goes wrong in them."""
 
 from __future__ import annotations
 
-import json
-import signal
-from datetime import datetime
-from functools import partial
-from pathlib import Path
-
 import click
-from rich.console import Console
 
 from tel_ros import __version__
-from tel_ros.app.bag_command import bag
-from tel_ros.app.check_command import check
 from tel_ros.app.command_group import CommandGroup
-from tel_ros.app.compare_command import compare
-from tel_ros.app.config_argument import ConfigFile
-from tel_ros.app.configs_command import configs
-from tel_ros.app.errors import (
-    EXIT_BAD_INPUT,
-    EXIT_GRAPH_FAILED,
-    EXIT_INTERRUPTED,
-    EXIT_NOT_COMPLETED,
-    GraphError,
-    NodeDiedError,
-    end,
+from tel_ros.app.extensions import extensions
+
+COMMANDS = {
+    "bag": "tel_ros.app.bag_command:bag",
+    "check": "tel_ros.app.check_command:check",
+    "compare": "tel_ros.app.compare_command:compare",
+    "configs": "tel_ros.app.configs_command:configs",
+    "predict": "tel_ros.app.predict_command:predict",
+    "practice": "tel_ros.app.practice_command:practice",
+    "replay": "tel_ros.app.replay_command:replay",
+    "report": "tel_ros.app.report_command:report",
+    "sweep": "tel_ros.app.sweep_command:sweep",
+    "train": "tel_ros.app.train_command:train",
+    "view": "tel_ros.app.view.command:view",
+}
+"""Where each command is. Other packages add theirs as entry points of the group ``tel_ros.commands``."""
+
+
+def _places() -> dict[str, str]:
+    return extensions("tel_ros.commands") | COMMANDS
+
+
+@click.group(
+    cls=CommandGroup,
+    places=_places,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-from tel_ros.app.predict_command import predict
-from tel_ros.app.replay_command import replay
-from tel_ros.app.report_command import report
-from tel_ros.app.resume_text import require_either, say_what_goes_on
-from tel_ros.app.sweep_command import sweep
-from tel_ros.app.train_command import train
-from tel_ros.app.view.command import beside_run, view, view_option
-from tel_ros.core.errors import TelError
-from tel_ros.recording.config_file import load_config
-from tel_ros.recording.run_folder import read_summary
-
-_PROGRESS = Console(stderr=True)
-_OUT = Console()
-
-
-@click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tel")
 def main() -> None:
     """Robot arms that get better at a movement by practice.
@@ -79,141 +69,6 @@ def main() -> None:
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, or a part of the software is missing, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
-
-
-@main.command()
-@click.argument("config_file", metavar="[CONFIG]", required=False, type=ConfigFile())
-@click.option(
-    "--set",
-    "overrides",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="Another value for a key, e.g. sim.clock=realtime.",
-)
-@click.option(
-    "--resume",
-    "resumed",
-    metavar="RUN",
-    type=click.Path(path_type=Path),
-    help="Go on with the interrupted run in this folder; without CONFIG, --set and --out.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder of the run; must not exist. Default: bags/NAME-TIME.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
-@click.option(
-    "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
-)
-@view_option
-def practice(
-    config_file: Path | None,
-    overrides: tuple[str, ...],
-    resumed: Path | None,
-    out: Path | None,
-    as_json: bool,
-    with_report: bool,
-    with_view: bool,
-) -> None:
-    """Run a practice run: bring the node graph up, practise, take it down.
-
-    CONFIG is a YAML file, or the name of one that `tel configs` lists. The run's folder gets a bag for each
-    trial, the learned network, run.yaml, summary.json and report.html. A run that was interrupted goes on
-    with --resume.
-    """
-    require_either(config_file, resumed, {"--set": overrides, "--out": out})
-    # Imported late: `tel --help` and `tel report` need no ROS.
-    from tel_ros.app.practice import practise, resume
-    from tel_ros.app.progress_view import ProgressView
-
-    # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
-    try:
-        beside = beside_run(with_view, _PROGRESS)
-        if resumed is not None:
-            folder = resumed
-            with ProgressView(_PROGRESS) as progress:
-                result = resume(folder, partial(say_what_goes_on, folder), progress.update, beside)
-        else:
-            assert config_file is not None  # require_either
-            folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
-            config = load_config(config_file, overrides)
-            with ProgressView(_PROGRESS) as progress:
-                result = practise(config, folder, progress.update, beside)
-    except GraphError as error:
-        bad_input = isinstance(error, NodeDiedError) and error.bad_input
-        end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        end(
-            "interrupted: the arm was brought to rest and all nodes have ended" + _left(folder),
-            EXIT_INTERRUPTED,
-        )
-    try:
-        summary = read_summary(folder)
-    except TelError as error:  # a full disk may have left none
-        end(f"{result.message or error}{_left(folder)}", EXIT_GRAPH_FAILED)
-    _show(summary, folder, as_json)
-    if with_report and summary["trials"]:
-        _report_at_the_end(folder, as_json)
-    if result.outcome == "failed":
-        end(f"{result.message}{_left(folder)}", EXIT_GRAPH_FAILED)
-    if result.outcome != "completed":
-        end(f"{result.message}{_left(folder)}", EXIT_NOT_COMPLETED)
-
-
-main.add_command(bag)
-main.add_command(check)
-main.add_command(compare)
-main.add_command(configs)
-main.add_command(predict)
-main.add_command(replay)
-main.add_command(report)
-main.add_command(sweep)
-main.add_command(train)
-main.add_command(view)
-
-
-def _report_at_the_end(folder: Path, as_json: bool) -> None:
-    """Make the report of a run that has ended; if that fails, the run is still what it was."""
-    from tel_ros.app.report import write_report  # late: plotting takes a second to import
-
-    try:
-        file = write_report(folder)
-    except (TelError, ModuleNotFoundError) as error:
-        click.echo(f"tel: no report: {error} (`tel report {folder}` makes it later)", err=True)
-        return
-    if not as_json:
-        _OUT.print(f"report  {file}", highlight=False, soft_wrap=True)
-
-
-def _show(summary: dict, folder: Path, as_json: bool) -> None:
-    from tel_ros.app.trial_table import trial_table
-
-    if as_json:
-        click.echo(json.dumps(summary, indent=2))
-        return
-    _OUT.print(trial_table(summary["trials"]))
-    warned = [trial for trial in summary["trials"] if trial["warning"]]
-    if warned:  # the last one knows most
-        text = f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}"
-        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
-    irregular = [trial for trial in summary["trials"] if trial["timing"] and trial["timing"]["warning"]]
-    if irregular:
-        text = f"note    {len(irregular)} of {len(summary['trials'])} trials had bad timing, the last one: "
-        text += f"trial {irregular[-1]['index']}: {irregular[-1]['timing']['warning']} (docs/realtime.md)"
-        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
-    if summary["outcome"] == "completed" and summary["message"]:
-        _OUT.print(f"result  {summary['message']}", highlight=False, soft_wrap=True)
-    _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
-
-
-def _left(folder: Path) -> str:
-    """Return where to find what was recorded, if anything was."""
-    return f" (what was recorded is in {folder})" if folder.exists() else ""
 
 
 if __name__ == "__main__":

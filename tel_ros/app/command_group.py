@@ -1,13 +1,15 @@
-"""The group of commands below ``tel``: what no command has caught ends in one line, too."""
+"""Groups of commands: imported when they are needed, with one way out for errors."""
 
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 import click
 
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, end, wants_traceback
+from tel_ros.app.extensions import load
 from tel_ros.core.errors import TelError
 
 _COMES_WITH = {
@@ -21,8 +23,47 @@ _COMES_WITH = {
 """What the parts of tel that not everybody needs come from, by the Python module."""
 
 
-class CommandGroup(click.Group):
-    """Commands whose unexpected errors are told without a traceback, unless TEL_DEBUG is set."""
+class LazyGroup(click.Group):
+    """A group that imports a command only when it is asked for.
+
+    Args:
+        places: returns the name and the place ("module:attribute") of each command.
+    """
+
+    def __init__(
+        self, *args: Any, places: Callable[[], Mapping[str, str]] = dict[str, str], **kwargs: Any
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self._places = places
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands."""
+        return sorted({*super().list_commands(ctx), *self._places()})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; one that cannot be imported ends with the reason when it is run."""
+        place = self._places().get(cmd_name)
+        if place is None:
+            return super().get_command(ctx, cmd_name)
+        try:
+            command: click.Command = load(place)
+        except Exception as error:  # whatever a foreign package raises; the other commands work all the same
+            return _unusable(cmd_name, place, error)
+        return command
+
+
+def _unusable(name: str, place: str, error: Exception) -> click.Command:
+    def fail() -> NoReturn:
+        raise error
+
+    settings = {"ignore_unknown_options": True, "allow_extra_args": True}
+    return click.Command(
+        name, callback=fail, help=f"Cannot be loaded from {place}: {error}", context_settings=settings
+    )
+
+
+class CommandGroup(LazyGroup):
+    """Ends in one line, without a traceback unless TEL_DEBUG is set, whatever a command raises."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""

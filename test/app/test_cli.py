@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from tel_ros.app import cli
+from tel_ros.app import practice_command
 from tel_ros.app.cli import main
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -125,7 +125,9 @@ def test_a_warning_about_learning_is_said_at_the_end(tmp_path: Path, monkeypatch
     warnings = ["", "learning lock-up: [early]", "learning lock-up: [late]", ""]
     trials = [{**trial, "index": k, "warning": text} for k, text in enumerate(warnings, start=1)]
     shown = io.StringIO()
-    monkeypatch.setattr(cli, "_OUT", Console(file=shown, width=200))
-    cli._show({"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, as_json=False)
+    monkeypatch.setattr(practice_command, "_OUT", Console(file=shown, width=200))
+    practice_command._show(
+        {"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, as_json=False
+    )
     assert "trial 3: learning lock-up: [late]" in shown.getvalue()
     assert "early" not in shown.getvalue()

@@ -7,14 +7,15 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from tel_ros.app import bring_up, config_argument
-from tel_ros.app.cli import main
+from tel_ros.app import bring_up, config_argument, extensions
+from tel_ros.app.cli import COMMANDS, main
 from tel_ros.app.command_group import CommandGroup
 from tel_ros.core.errors import ConfigError
 from tel_ros.recording.config_file import load_config
@@ -25,7 +26,10 @@ NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot"}
 
 
 def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command]]:
-    for key, command in group.commands.items():
+    context = click.Context(group)
+    for key in group.list_commands(context):
+        command = group.get_command(context, key)
+        assert command is not None
         if isinstance(command, click.Group):
             yield from commands(command, f"{name} {key}")
         else:
@@ -42,7 +46,8 @@ def test_every_command_that_prints_a_result_prints_it_as_json_on_request(
 
 @pytest.mark.parametrize(("name", "command"), list(commands(main, "tel")))
 def test_every_command_is_named_in_the_help_that_teaches(name: str, command: click.Command) -> None:
-    assert name in (main.help or "")
+    if name.split()[1] in COMMANDS:
+        assert name in (main.help or "")
     assert command.help
 
 
@@ -165,3 +170,48 @@ def complete(instruction: str, **words: str) -> str:
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=250
     )
     return run.stdout
+
+
+@pytest.fixture
+def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A package ``tel_lab`` in a checkout whose entry points have not been installed."""
+    package = tmp_path / "tel_lab"
+    package.mkdir()
+    table = {"tel_ros.commands": {"greet": "tel_lab.greet:greet", "broken": "tel_lab.nowhere:command"}}
+    (package / "__init__.py").write_text(f"ENTRY_POINTS = {table}")
+    (package / "greet.py").write_text("import click\n@click.command()\ndef greet(): click.echo('hello')\n")
+    for name in [name for name in sys.modules if name.split(".")[0] == "tel_lab"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield
+    for name in [name for name in sys.modules if name.split(".")[0] == "tel_lab"]:
+        del sys.modules[name]
+
+
+@pytest.mark.usefixtures("laboratory")
+def test_commands_of_the_laboratory_are_found_before_they_are_installed() -> None:
+    assert CliRunner().invoke(main, ["greet"]).output == "hello\n"
+
+
+@pytest.mark.usefixtures("laboratory")
+def test_a_command_that_cannot_be_imported_spoils_no_other() -> None:
+    assert "Cannot be loaded from tel_lab.nowhere" in " ".join(
+        CliRunner().invoke(main, ["--help"]).output.split()
+    )
+    result = CliRunner().invoke(main, ["broken", "--option", "value"])
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert "tel_lab.nowhere" in result.stderr
+
+
+def test_without_the_laboratory_its_installed_commands_are_absent(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint(name="greet", value="tel_lab.greet:greet", group="tel_ros.commands")
+    monkeypatch.setattr(extensions, "entry_points", lambda group: [point])
+    monkeypatch.setattr(extensions, "find_spec", lambda name: None)
+    assert CliRunner().invoke(main, ["greet"]).exit_code == 2
+    assert "greet" not in CliRunner().invoke(main, ["--help"]).output
+
+
+def test_a_command_of_another_package_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint(name="theirs", value="tel_ros.app.configs_command:configs", group="tel_ros.commands")
+    monkeypatch.setattr(extensions, "entry_points", lambda group: [point])
+    assert CliRunner().invoke(main, ["theirs", "--json"]).exit_code == 0
