@@ -2,6 +2,7 @@
 
 import ast
 from pathlib import Path
+from typing import Any
 
 from setuptools import find_packages, setup
 
@@ -13,12 +14,12 @@ SHARE = Path("share/tel_ros")
 SHARED = ("config/**/*", "launch/**/*", "sim_bridge/urdf/**/*")
 
 
-def version() -> str:
-    """Return __version__ of the package, the one place where it is written for Python."""
-    for statement in ast.parse((ROOT / "tel_ros" / "__init__.py").read_text()).body:
-        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "__version__":
+def constant(module: str, name: str) -> Any:
+    """Return a constant of a module without importing it: what is written there is written once."""
+    for statement in ast.parse((ROOT / module).read_text(encoding="utf-8")).body:
+        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == name:
             return ast.literal_eval(statement.value)
-    raise ValueError("tel_ros/__init__.py has no __version__")
+    raise ValueError(f"{module} has no {name}")
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -34,7 +35,7 @@ def shared_files() -> list[tuple[str, list[str]]]:
 
 setup(
     name="tel_ros",
-    version=version(),
+    version=constant("tel_ros/__init__.py", "__version__"),
     description="Trajectory Extension Learning: robot arms that get better at a movement by practice.",
     long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
@@ -42,7 +43,7 @@ setup(
     maintainer_email="maintainers@tel-ros.invalid",
     license="Apache-2.0",
     python_requires=">=3.11",
-    packages=find_packages(include=["tel_ros", "tel_ros.*", "sim_bridge", "sim_bridge.*"]),
+    packages=find_packages(include=["tel_ros*", "sim_bridge*", "tel_lab*"]),
     package_data={"sim_bridge": ["urdf/*"], "tel_ros.app": ["templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/tel_ros"]),
@@ -128,5 +129,9 @@ setup(
             "practice_manager = tel_ros.nodes.practice_manager:main",
             "sim_bridge = sim_bridge.node:main",
         ],
+        **{
+            group: [f"{name} = {place}" for name, place in places.items()]
+            for group, places in constant("tel_lab/__init__.py", "ENTRY_POINTS").items()
+        },
     },
 )

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from practice_records import TrialRecord, duration_at_effort_share, fastest_by_speed_s, record
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflinePractice
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice
 from tel_ros.core.config import Config
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.recording.config_file import load_config

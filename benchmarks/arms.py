@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from practice_records import duration_at_effort_share, fastest_by_speed_s
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflinePractice, PractisedTrial
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice, PractisedTrial
 from tel_ros.core.config import Config
 from tel_ros.core.practice.decisions import Ending
 from tel_ros.core.trial import Outcome

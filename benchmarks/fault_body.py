@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_bridge.exact_model import ExactInverseDynamics
+from tel_lab.exact_model import ExactInverseDynamics
 from tel_ros.core.config import Config
 from tel_ros.core.safety.motion_limits import soft_range
 from tel_ros.core.types import FloatArray

@@ -182,7 +182,7 @@ def planar_practice(
         held_out_s: those of them that are not for training: one between the others, and the fastest.
         other_paths_s: durations of trials on other closed paths in the same region; all are held out.
     """
-    from sim_bridge.offline import OfflineArm
+    from tel_lab.offline import OfflineArm
     from tel_ros.core.learning.inputs import query_inputs
     from tel_ros.core.learning.signals import training_samples
     from tel_ros.core.trial import Outcome, TrialGoal

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflinePractice, PractisedTrial
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice, PractisedTrial
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.decisions import PlannedTrial

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflineArm, OfflineTrial, PractisedTrial
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflineArm, OfflineTrial, PractisedTrial
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.paths import Path

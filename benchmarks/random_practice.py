@@ -29,9 +29,9 @@ from practice_records import (
 )
 from random_practice_page import write_figure, write_page
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflinePractice
-from sim_bridge.random_arm import random_sim
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice
+from tel_lab.random_arm import random_sim
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner

@@ -141,7 +141,7 @@ def _page(results: Sequence[Result], config: Config, command: str) -> str:
 {practice.trials} trials), each on another arm, along another path and to another speed;
 nothing but the time at rest (below) was chosen by looking at them.
 
-- Arms (`sim_bridge/random_arm.py`, `FAR`): all masses and inertias × 0.5 to 2, 0 to 0.5 kg in the hand,
+- Arms (`tel_lab/random_arm.py`, `FAR`): all masses and inertias × 0.5 to 2, 0 to 0.5 kg in the hand,
   viscous friction × 0.25 to 4, dry friction 0 to 0.3 N·m a joint, 0 to 0.3 mrad of white noise on the
   encoder.
 - Paths (`tel_ros/core/trajectories/random_path.py`): sums of harmonics anywhere in the joints' range, open

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from sim_bridge.arm import SimulatedArm
-from sim_bridge.exact_model import ExactInverseDynamics
+from tel_lab.exact_model import ExactInverseDynamics
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray, IntArray

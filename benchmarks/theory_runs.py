@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim_bridge.exact_model import ExactInverseDynamics
-from sim_bridge.offline import OfflinePractice
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice
+from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.practice.theory import TheoryEstimate, TheoryMonitor
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

@@ -37,7 +37,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 
 _COPY = """
 import shutil, sys
-for name in ("tel_ros", "sim_bridge", "config", "launch", "resource"):
+for name in ("tel_ros", "sim_bridge", "tel_lab", "config", "launch", "resource"):
     shutil.copytree(f"{sys.argv[1]}/{name}", f"{sys.argv[2]}/{name}")
 for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE", "MANIFEST.in"):
     shutil.copy(f"{sys.argv[1]}/{name}", sys.argv[2])
@@ -49,7 +49,7 @@ def test_the_wheel_has_every_module_configuration_description_and_launch_file(wh
     names = set(wheel.namelist())
     code = {
         str(path.relative_to(ROOT))
-        for package in ("tel_ros", "sim_bridge")
+        for package in ("tel_ros", "sim_bridge", "tel_lab")
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 CORE, RECORDING, NODES, APP = (ROOT / "tel_ros" / part for part in ("core", "recording", "nodes", "app"))
 BRIDGE = ROOT / "sim_bridge"
 BRIDGE_NODE = BRIDGE / "node.py"
+LAB = ROOT / "tel_lab"
 ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
 RIGID_BODY = CORE / "learning" / "rigid_body.py"
 ONE_THREAD = CORE / "learning" / "one_thread.py"
@@ -125,7 +126,7 @@ def test_nodes_know_neither_the_simulated_arm_nor_the_command_line(path: Path) -
     assert forbidden(path.read_text(encoding="utf-8"), "sim_bridge", "tel_ros.app") == set()
 
 
-@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(NODES, APP, BRIDGE_NODE)))
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, LAB, but=(NODES, APP, BRIDGE_NODE)))
 def test_only_nodes_the_command_line_and_the_bridges_node_import_rclpy(path: Path) -> None:
     assert forbidden(path.read_text(encoding="utf-8"), "rclpy") == set()
 
@@ -139,6 +140,11 @@ def test_only_the_command_line_names_the_simulated_arm(path: Path) -> None:
 def test_the_simulated_arm_apart_from_its_node_uses_only_the_core(path: Path) -> None:
     above = ("tel_ros.recording", "tel_ros.nodes", "tel_ros.app")
     assert forbidden(path.read_text(encoding="utf-8"), *above) == set()
+
+
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE))
+def test_the_product_does_not_know_the_laboratory(path: Path) -> None:
+    assert forbidden(path.read_text(encoding="utf-8"), "tel_lab") == set()
 
 
 def publishers_of_commands(source: str) -> list[str]:
@@ -164,7 +170,7 @@ def _base(attribute: ast.Attribute) -> str:
     return attribute.value.id if isinstance(attribute.value, ast.Name) else ""
 
 
-@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(COMMAND_CHANNEL,)))
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, LAB, but=(COMMAND_CHANNEL,)))
 def test_commands_leave_through_the_command_channel_alone(path: Path) -> None:
     source = path.read_text(encoding="utf-8")
     assert len(publishers_of_commands(source)) == (1 if path == BAG_PLAYER else 0)
@@ -172,7 +178,7 @@ def test_commands_leave_through_the_command_channel_alone(path: Path) -> None:
     assert path == TOPICS or not strings(source) & values
 
 
-@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, but=(SAFETY_LAYER,)))
+@pytest.mark.parametrize("path", sources(ROOT / "tel_ros", BRIDGE, LAB, but=(SAFETY_LAYER,)))
 def test_efforts_are_permitted_by_the_safety_layer_alone(path: Path) -> None:
     """Nobody else says that an effort is permitted, or changes which one was."""
     tree = ast.parse(path.read_text(encoding="utf-8"))

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from tel_ros import __version__
 from tel_ros.app import report_text
+from tel_ros.app.extensions import extensions, load
 from tel_ros.app.report_data import RunData, read_drawable, read_run
 from tel_ros.app.report_figure import FigureMaker, ReportFigure
 from tel_ros.app.report_steps import MOST_STEPS, path_steps
-from tel_ros.app.report_theory import RunTheory, run_theory
 from tel_ros.core.errors import InputFileError, TelError
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.recording.run_folder import CONFIG_FILE, REPORT_FILE, SUMMARY_FILE, write_atomically
@@ -43,7 +43,7 @@ def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     run = read_run(folder)
     file, maker = folder / REPORT_FILE, FigureMaker(folder, formats)
     try:
-        theory = run_theory(run)
+        theory = _theory(run)
         content = _content(run, theory, _figures(run, maker) | {"theory": _theory_figure(run, theory, maker)})
         content["steps"] = path_steps(read_drawable(run, MOST_STEPS), _chain(run)) if run.drawn else []
         page = page_environment().get_template(_TEMPLATE).render(content, text=report_text)
@@ -83,7 +83,7 @@ def page_environment() -> jinja2.Environment:
     )
 
 
-def _content(run: RunData, theory: RunTheory, figures: dict[str, ReportFigure]) -> dict[str, Any]:
+def _content(run: RunData, theory: Any, figures: dict[str, ReportFigure]) -> dict[str, Any]:
     from tel_ros.app.figure_export import PALETTE
 
     written = datetime.fromtimestamp((run.folder / SUMMARY_FILE).stat().st_mtime).astimezone()
@@ -140,14 +140,20 @@ def _chain(run: RunData) -> SerialChain:
     return chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
 
 
-def _theory_figure(run: RunData, theory: RunTheory, maker: FigureMaker) -> ReportFigure:
-    from tel_ros.app import trial_figures
+def _theory(run: RunData) -> Any:
+    """Return what the theorems say of a run, as far as the package that measures them is installed."""
+    place = extensions("tel_ros.report").get("theory")
+    return load(place)(run) if place else None
 
+
+def _theory_figure(run: RunData, theory: Any, maker: FigureMaker) -> ReportFigure:
+    if theory is None:
+        return maker.missing("theory", "The theorems are not measured: tel_lab is not installed.")
     if not theory.estimates:
         return maker.missing("theory", theory.missing)
     return maker.make(
         "theory",
-        lambda: trial_figures.theory_figure(theory.trials, theory.estimates),
+        theory.figure,
         "What the paper's theorems speak of. Left: the command error that the tracking error comes from, "
         "which on an arm can only be estimated, and what Theorem 3 allows a step in speed to add to it. "
         "Right: training helps for certain only where k_R is below 1. Near 1 the network is taught where the "

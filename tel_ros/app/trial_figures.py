@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SOFT
+from tel_ros.app.figure_export import BLUE, GREEN, INK, ORANGE, PURPLE, SOFT
 from tel_ros.app.figures import WIDTH_IN, legend_below
 from tel_ros.app.report_data import TrialSummary
-from tel_ros.core.practice.theory import TheoryEstimate
 
 
 def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
@@ -24,13 +23,13 @@ def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
     peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
     before = [t.training_rms_before_rad for t in trials]
     after = [t.training_rms_after_rad for t in trials]
-    _over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
+    over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
     tracking.set(title="Tracking error", ylabel="error [rad]")
-    _over_trials(
+    over_trials(
         training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
     )
     training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
-    _over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
+    over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
     duration.set(title="Duration of the movement", ylabel="duration [s]")
     duration.set_ylim(bottom=0.0)
     if not all(trial.completed for trial in trials):
@@ -39,7 +38,7 @@ def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
     return figure
 
 
-def _over_trials(
+def over_trials(
     axes: Axes,
     trials: Sequence[TrialSummary],
     series: Sequence[tuple[Sequence[float], str, str, str]],
@@ -76,41 +75,3 @@ def scale_errors(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:
-    """Return what the theorems of [Practice] speak of, over the trials that were learned from.
-
-    Args:
-        trials: of a run; at least one.
-        estimates: one a trial.
-    """
-    figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
-    errors, factors = figure.subplots(1, 2)
-    steps = [e.step_rad if e.step_rad > 0.0 else math.nan for e in estimates]
-    _over_trials(
-        errors,
-        trials,
-        [
-            (steps, "allowed for the step", PURPLE, "v"),
-            ([e.tracking_error_rad for e in estimates], "tracking", BLUE, "o"),
-            ([e.training_error_rad for e in estimates], "training", GREEN, "s"),
-            ([e.command_error_rad for e in estimates], "command, estimated", ORANGE, "^"),
-        ],
-        log=True,
-    )
-    errors.set(title="Errors and the bound of Theorem 3", ylabel="RMS [rad]")
-    _over_trials(
-        factors,
-        trials,
-        [
-            ([e.k_r for e in estimates], "k_R", BLUE, "o"),
-            ([e.theorem_1 for e in estimates], "1 − γ + γ k_R", GREEN, "s"),
-            ([e.contraction for e in estimates], "what training made of it", INK, "^"),
-        ],
-        log=False,
-    )
-    factors.axhline(1.0, color=GREY, linewidth=0.8)
-    factors.set(title="Contraction of the command error", ylabel="factor")
-    factors.set_ylim(bottom=0.0)
-    return figure

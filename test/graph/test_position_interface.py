@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import TrialResult
 
-from sim_bridge.offline import OfflinePractice
+from tel_lab.offline import OfflinePractice
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from synthetic_trial import message, stamp  # noqa: E402
 
 from sim_bridge.arm import ArmReading  # noqa: E402
-from sim_bridge.offline import OfflinePractice, PractisedTrial  # noqa: E402
+from tel_lab.offline import OfflinePractice, PractisedTrial  # noqa: E402
 from tel_ros.core.config import Config  # noqa: E402
 from tel_ros.core.practice.decisions import PlannedTrial  # noqa: E402
 from tel_ros.core.practice.lock_up import LockUpMonitor  # noqa: E402

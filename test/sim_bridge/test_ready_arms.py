@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_bridge.offline import OfflinePractice
+from tel_lab.offline import OfflinePractice
 from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network

@@ -1,0 +1,240 @@
+"""The results of a comparison as text: for the terminal, as CSV, as JSON and as a page of Markdown."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from tel_lab.comparison.method_runs import Comparison
+from tel_lab.comparison.methods import Given
+from tel_lab.comparison.results import COLUMNS, Column, MethodRun
+from tel_lab.comparison.statistics import Median, median, standing
+
+GIVEN_MARK = {"nothing": "", "kinematics": " ¹", "model": " ²"}
+GIVEN_NOTE = (
+    "¹ is told the kinematics of the arm; ² is told the whole model. All others are told K and B alone."
+)
+GIVENS: tuple[Given, ...] = ("nothing", "kinematics", "model")
+NONE, NEVER = "–", "never"
+NONE_NOTE = f"{NONE}: a stored command sequence has nothing to say about another path."
+
+
+def values(comparison: Comparison, column: Column, method: str) -> list[float]:
+    """Return one column of one method, in the order of the seeds."""
+    return [column.value(run) for run in comparison.runs[method]]
+
+
+def middle(comparison: Comparison, column: Column, method: str) -> Median | None:
+    """Return the median over the arms; None if the method has no such value."""
+    found = values(comparison, column, method)
+    return None if any(map(math.isnan, found)) else median(found)
+
+
+def number(value: float, column: Column) -> str:
+    """Return a value as it stands in tables: three digits that count, angles in mrad."""
+    if math.isinf(value):
+        return "aborted" if column.in_mrad else NEVER
+    shown = 1e3 * value if column.in_mrad else value
+    return f"{shown:.0f}" if shown >= 100.0 or shown == round(shown) else f"{shown:.3g}"
+
+
+def cell(found: Median | None, column: Column) -> str:
+    """Return a median with its interval in brackets; without one where there are too few arms for it."""
+    if found is None:
+        return NONE
+    middle_text = number(found.value, column)
+    if math.isnan(found.low) or found.low == found.high:
+        return middle_text
+    return f"{middle_text} [{number(found.low, column)}, {number(found.high, column)}]"
+
+
+def heading(column: Column) -> str:
+    """Return the title of a column with its unit."""
+    return f"{column.title} [mrad]" if column.in_mrad else column.title
+
+
+def rows(comparison: Comparison) -> Iterator[list[str]]:
+    """Yield a row a method: its title and a cell a column."""
+    for spec in comparison.methods:
+        cells = [cell(middle(comparison, column, spec.name), column) for column in COLUMNS]
+        yield [spec.title + GIVEN_MARK[spec.given], *cells]
+
+
+def terminal_table(comparison: Comparison) -> Table:
+    """Return the table for a terminal."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("method")
+    for column in COLUMNS:
+        table.add_column(heading(column), justify="right")
+    for row in rows(comparison):
+        table.add_row(*row)
+    return table
+
+
+def csv_text(comparison: Comparison) -> str:
+    """Return one line a method and arm; angles in rad, ``inf`` for never and aborted, empty for none."""
+    text = io.StringIO()
+    keys = ["method", "seed", *(column.key for column in COLUMNS), "trials", "arm_s", "message"]
+    writer = csv.DictWriter(text, keys, lineterminator="\n")
+    writer.writeheader()
+    for run in all_runs(comparison):
+        numbers = {column.key: column.value(run) for column in COLUMNS}
+        writer.writerow(
+            {
+                "method": run.method,
+                "seed": run.seed,
+                **{key: "" if math.isnan(value) else f"{value:.6g}" for key, value in numbers.items()},
+                "trials": len(run.trials),
+                "arm_s": f"{run.arm_s:.3f}",
+                "message": run.message,
+            }
+        )
+    return text.getvalue()
+
+
+def all_runs(comparison: Comparison) -> list[MethodRun]:
+    """Return all runs, method by method."""
+    return [run for spec in comparison.methods for run in comparison.runs[spec.name]]
+
+
+def plain(comparison: Comparison) -> dict[str, Any]:
+    """Return everything as JSON can hold it: null for never, aborted and none."""
+
+    def record(run: MethodRun) -> dict[str, Any]:
+        return {
+            **dataclasses.asdict(run),
+            **{column.key: column.value(run) for column in COLUMNS},
+            "arm_s": run.arm_s,
+        }
+
+    methods = {}
+    for spec in comparison.methods:
+        medians = {column.key: middle(comparison, column, spec.name) for column in COLUMNS}
+        methods[spec.name] = {
+            "title": spec.title,
+            "given": spec.given,
+            "median": {key: found and dataclasses.asdict(found) for key, found in medians.items()},
+            "runs": [record(run) for run in comparison.runs[spec.name]],
+        }
+    speed = {"arm_s": comparison.arm_s, "wall_s": comparison.wall_s, "cpu_s": comparison.cpu_s}
+    finite: dict[str, Any] = _finite({"methods": methods, "speed": speed})
+    return finite
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(comparison: Comparison) -> str:
+    """Return :func:`plain` as text."""
+    return json.dumps(plain(comparison), indent=2, allow_nan=False)
+
+
+def standings(comparison: Comparison, family: str) -> Iterator[list[str]]:
+    """Yield a row a method of a family: its title, and where it stands in each column.
+
+    It is compared with the methods outside the family that are told no more than it is.
+
+    Args:
+        comparison: all results.
+        family: how the names of its methods begin.
+    """
+    titles = {spec.name: spec.title for spec in comparison.methods}
+    for spec in comparison.methods:
+        if not spec.name.startswith(family):
+            continue
+        told = GIVENS[: GIVENS.index(spec.given) + 1]
+        rivals = [s.name for s in comparison.methods if s.given in told and not s.name.startswith(family)]
+        row = [spec.title + GIVEN_MARK[spec.given]]
+        for column in COLUMNS:
+            known = [name for name in rivals if middle(comparison, column, name) is not None]
+            among = {name: values(comparison, column, name) for name in (spec.name, *known)}
+            where = standing(spec.name, among)
+            row.append(where.rank + (f": {titles[where.rivals[0]]}" if where.rivals else ""))
+        yield row
+
+
+def speed_text(comparison: Comparison) -> str:
+    """Return how much faster than real arms this was."""
+    arm_s, wall_s = comparison.arm_s, comparison.wall_s
+    return (
+        f"{arm_s:.0f} s of arm time in {wall_s:.0f} s: {arm_s / wall_s:.0f} times real time "
+        f"({arm_s / comparison.cpu_s:.0f} times for a core that does nothing else)"
+    )
+
+
+def markdown(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """Return a table whose columns line up as text."""
+    table = [header, *body]
+    widths = [max(len(row[j]) for row in table) for j in range(len(header))]
+
+    def line(row: Sequence[str]) -> str:
+        padded = (
+            text.rjust(width) if j else text.ljust(width)
+            for j, (text, width) in enumerate(zip(row, widths, strict=True))
+        )
+        return f"| {' | '.join(padded)} |"
+
+    rule = "| " + " | ".join("-" * (w - 1) + ":" if j else "-" * w for j, w in enumerate(widths)) + " |"
+    return "\n".join([line(header), rule, *map(line, body)])
+
+
+def page(comparison: Comparison, command: str, figure: str) -> str:
+    """Return the page with table, figure and standings.
+
+    Args:
+        comparison: all results.
+        command: what made it.
+        figure: file of the figure, as seen from the page.
+    """
+    runs = comparison.runs[comparison.methods[0].name]
+    tolerance = f"{1e3 * runs[0].tolerance_rad:g} mrad RMS at {runs[0].goal_duration_s:g} s"
+    table = markdown(["method", *map(heading, COLUMNS)], list(rows(comparison)))
+    methods = "\n".join(f"- *{spec.title}*: {spec.note}" for spec in comparison.methods)
+    places = markdown(
+        ["", *(column.title for column in COLUMNS)], list(standings(comparison, "tel_adaptive"))
+    )
+    return f"""# TEL in comparison
+
+Made by `{command}`: {len(runs)} arms, the same ones with the
+same noise and the same new path for all methods. Tolerance: {tolerance}. Medians over the arms, in brackets
+their 95 % intervals between order statistics.
+
+{table}
+
+{GIVEN_NOTE}
+{NONE_NOTE} *{NEVER}*: not within the budget.
+
+![Errors of the trials, and the figures of merit]({figure})
+
+## Where TEL adaptive stands
+
+Against all other methods that are told no more of the arm than it is. *First*: none has a lower median.
+*Tied*: the one that is named has, but a sign test over the arms does not tell the two apart at 5 % (it takes
+at least five arms to tell any two apart). *Behind*: it does.
+
+{places}
+
+## The methods
+
+All have the springs (but for the stiffer servo) and the budget of trials in common; what does not learn has
+one trial. TEL that has reached its goal goes on at the goal speed with what is left of the budget. After an
+abort a stored command goes back to the last one that was completed, with corrections half as large; learners
+learn from what was recorded, TEL adaptive goes back.
+
+{methods}
+
+{speed_text(comparison)}.
+"""

@@ -1,0 +1,264 @@
+"""Methods on equal arms: one run is one method on one arm, and does not depend on any other run."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tel_lab.comparison.feedforward import Feedforward
+from tel_lab.comparison.method import Method
+from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
+from tel_lab.comparison.results import MethodRun, TrialResult
+from tel_lab.worker_pool import worker_pool
+from tel_ros.core.config import ArmConfig, Config
+from tel_ros.core.errors import ConfigError, TelError, TrainingError
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.trajectories.paths import Path as JointPath
+from tel_ros.core.trajectories.random_path import random_smooth_path
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.waypoint_file import load_path
+
+if TYPE_CHECKING:
+    from tel_lab.offline import OfflineArm
+
+
+class RunFailedError(TelError):
+    """A run of a comparison broke down; its message says which one and why."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is compared.
+
+    Args:
+        config_file: YAML of the arm, the path and the movement that is wanted.
+        settings: other values for its keys, as for ``--set``.
+        trials: budget of every method.
+    """
+
+    config_file: Path
+    settings: tuple[str, ...] = ()
+    trials: int = 15
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All runs, and how long they took.
+
+    Args:
+        methods: in the order of tables.
+        runs: of each method, in the order of the seeds.
+        wall_s: elapsed while they were made.
+    """
+
+    methods: tuple[MethodSpec, ...]
+    runs: dict[str, tuple[MethodRun, ...]]
+    wall_s: float
+
+    @property
+    def arm_s(self) -> float:
+        """How long the arms were busy altogether."""
+        return sum(run.arm_s for runs in self.runs.values() for run in runs)
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time of all runs."""
+        return sum(run.cpu_s for runs in self.runs.values() for run in runs)
+
+
+def compare(
+    task: Task,
+    methods: Sequence[str] = (),
+    n_seeds: int = 10,
+    jobs: int = 1,
+    on_run: Callable[[MethodRun, int, int], None] = lambda run, done, total: None,
+) -> Comparison:
+    """Run every method on every arm.
+
+    Args:
+        task: what is compared.
+        methods: names; all if empty.
+        n_seeds: arms; their seeds are 1, 2, …
+        jobs: processes at a time; the results do not depend on it.
+        on_run: is called after each run with it, how many are done and how many there will be.
+
+    Raises:
+        ConfigError: there is no such method, or a value of the configuration is wrong.
+        InputFileError: the configuration cannot be read.
+        RunFailedError: a run broke down.
+    """
+    for key, value in (("--seeds", n_seeds), ("--jobs", jobs)):
+        if value < 1:
+            raise ConfigError(key, value, "a whole number of at least 1")
+    specs = tuple(chosen(methods))
+    for spec in specs:
+        method_config(task, spec, 1)  # before any work begins
+    items = [(spec.name, seed) for seed in range(1, n_seeds + 1) for spec in specs]
+    started, done = time.monotonic(), {}
+    with worker_pool(jobs) as pool:
+        futures = [pool.submit(_run_or_complaint, task, name, seed) for name, seed in items]
+        for future in as_completed(futures):
+            run = future.result()
+            if isinstance(run, str):
+                raise RunFailedError(run)
+            done[run.method, run.seed] = run
+            on_run(run, len(done), len(items))
+    runs = {s.name: tuple(done[s.name, seed] for seed in range(1, n_seeds + 1)) for s in specs}
+    return Comparison(specs, runs, time.monotonic() - started)
+
+
+def _run_or_complaint(task: Task, name: str, seed: int) -> MethodRun | str:
+    # As text, because errors with arguments of their own do not come through between processes.
+    try:
+        return run_method(task, name, seed)
+    except TelError as error:
+        return f"{name} on arm {seed}: {error}"
+
+
+def method_config(task: Task, spec: MethodSpec, seed: int) -> Config:
+    """Return the configuration of one run: the arm of that seed, and the settings of the method.
+
+    Raises:
+        ConfigError: a value is wrong.
+        InputFileError: the file cannot be read.
+    """
+    from tel_lab.random_arm import vary
+
+    settings = (
+        *task.settings,
+        f"practice.trials={task.trials}",
+        "practice.on_abort=continue",
+        f"seed={seed}",
+    )
+    config = load_config(task.config_file, (*settings, *spec.settings))
+    sim = vary(config.sim, seed, n_joints=len(config.arm.joints))
+    return dataclasses.replace(config, sim=sim, arm=_stiffer(config.arm, *spec.stiffer))
+
+
+def _stiffer(arm: ArmConfig, on_stiffness: float, on_damping: float) -> ArmConfig:
+    return dataclasses.replace(
+        arm,
+        stiffness_nm_per_rad=tuple(on_stiffness * value for value in arm.stiffness_nm_per_rad),
+        damping_nms_per_rad=tuple(on_damping * value for value in arm.damping_nms_per_rad),
+    )
+
+
+def run_method(task: Task, name: str, seed: int) -> MethodRun:
+    """Practise with one method on the arm of one seed, then test what was learned.
+
+    Raises:
+        TelError: the configuration is wrong, or the arm must not follow the movement.
+    """
+    (spec,) = chosen([name])
+    config = method_config(task, spec, seed)
+    started = time.process_time()
+    trials, final, new_path, message = (
+        _practised(config, seed) if spec.make is None else _repeated(config, spec.make(config), seed)
+    )
+    return MethodRun(
+        method=name,
+        seed=seed,
+        goal_duration_s=config.practice.goal_duration_s,
+        tolerance_rad=config.practice.tolerance_rad,
+        trials=tuple(trials),
+        final=final,
+        new_path=new_path,
+        cpu_s=time.process_time() - started,
+        message=message,
+    )
+
+
+_Achieved = tuple[list[TrialResult], TrialResult, TrialResult | None, str]
+
+
+def _repeated(config: Config, method: Method, seed: int) -> _Achieved:
+    """Run a method that executes the wanted movement in every trial; one is enough if it does not learn."""
+    from tel_lab.offline import OfflineArm
+
+    desired, messages, trials = goal_movement(config), [], []
+    with OfflineArm(config) as arm:
+        for index in range(1, (config.practice.trials if method.learns else 1) + 1):
+            trial = arm.run_trial(TrialGoal(index, 1.0, desired, method.command(desired)))
+            trials.append(_result(trial.report))
+            try:
+                method.learn(trial.signals, trial.report.outcome == Outcome.COMPLETED)
+            except TrainingError as error:
+                messages.append(f"trial {index} was not learned from: {error}")
+        return trials, *_tested(arm, method, config, seed), "; ".join(messages)
+
+
+def _practised(config: Config, seed: int) -> _Achieved:
+    """Run the configured practice strategy with the configured learner.
+
+    If it has reached its goal before the budget is used up, it goes on at the goal speed with what is left:
+    so the errors at the end are those after equally many trials for all methods.
+    """
+    from tel_lab.offline import OfflinePractice
+
+    path = load_path(config.path, config.arm)
+    with OfflinePractice(config, path, new_network(config)) as practice:
+        done, ending = practice.run(), practice.ending
+        assert ending is not None  # it has just run
+        if ending.outcome == "completed":
+            goal = Movement(config.practice.goal_duration_s)
+            for index in range(len(done) + 1, config.practice.trials + 1):
+                done.append(practice.run_trial(PlannedTrial(index, 1.0, goal)))
+        trials = [_result(practised.trial.report) for practised in done]
+        learned = Feedforward(practice.learner.predict, 1.0 / config.control.rate_hz)
+        return trials, *_tested(practice.arm, learned, config, seed), ending.message
+
+
+def _tested(
+    arm: OfflineArm, method: Method, config: Config, seed: int
+) -> tuple[TrialResult, TrialResult | None]:
+    """Execute the wanted movement and one that was never practised; nothing is learned from either."""
+    desired = goal_movement(config)
+    final = arm.run_trial(TrialGoal(0, 1.0, desired, method.command(desired)))
+    if not method.transfers:
+        return _result(final.report), None
+    other = new_movement(config, seed)
+    return _result(final.report), _result(
+        arm.run_trial(TrialGoal(0, 1.0, other, method.command(other))).report
+    )
+
+
+def new_movement(config: Config, seed: int) -> DesiredTrajectory:
+    """Return a movement along another path, in the range of positions of the practised one and as fast.
+
+    It is as fast as it can be without exceeding the largest speed or acceleration of the wanted movement in
+    any joint: so it needs no more than was practised, only something else.
+
+    Args:
+        config: path and duration of the movement that is practised.
+        seed: of the path.
+    """
+    practised = goal_movement(config)
+    low, high = practised.position_rad.min(axis=0), practised.position_rad.max(axis=0)
+    path: JointPath = random_smooth_path(seed, low, high)
+    rate_hz, duration_s = config.control.rate_hz, config.practice.goal_duration_s
+    other = sample(path, duration_s, rate_hz)
+    faster = np.abs(other.velocity_rad_s).max(axis=0) / np.abs(practised.velocity_rad_s).max(axis=0)
+    harder = np.abs(other.acceleration_rad_s2).max(axis=0) / np.abs(practised.acceleration_rad_s2).max(axis=0)
+    return sample(path, duration_s * max(faster.max(), np.sqrt(harder.max())), rate_hz)
+
+
+def _result(report: TrialReport) -> TrialResult:
+    return TrialResult(
+        duration_s=report.duration_s,
+        completed=report.outcome == Outcome.COMPLETED,
+        rms_error_rad=report.rms_error_rad,
+        max_error_rad=report.max_error_rad,
+        arm_s=(report.end_ns - report.start_ns) / NS_PER_S,
+    )

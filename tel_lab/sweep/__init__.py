@@ -1,0 +1,1 @@
+"""Sweeps: practice runs over grids of configurations, and maps of what comes of them."""

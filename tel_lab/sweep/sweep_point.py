@@ -1,0 +1,169 @@
+"""One point of a sweep: a practice run without ROS, and the numbers that are kept of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tel_ros.core.config import Config
+from tel_ros.core.errors import TelError
+from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.learning.one_thread import on_one_thread
+from tel_ros.core.practice.decisions import Ending, PlannedTrial
+from tel_ros.core.practice.lock_up import LockUpMonitor
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trial import Outcome
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.waypoint_file import load_path
+
+if TYPE_CHECKING:
+    from tel_lab.offline import PractisedTrial
+
+FAILED = "failed"
+"""Outcome of a point that could not be practised to an end; its measures are of the trials until then."""
+
+_GOAL_ALPHA = 1.0 - 1e-9
+_EFFORT_RATE_HZ = 100.0
+"""Often enough to find the peak of the effort of a smooth movement."""
+
+MEASURES = (
+    "outcome",
+    "message",
+    "trials",
+    "arm_s",
+    "rms_first_rad",
+    "rms_final_rad",
+    "rms_best_at_goal_rad",
+    "max_error_rad",
+    "aborts",
+    "goal_reached",
+    "duration_reached_s",
+    "warned_trial",
+    "warning",
+    "goal_effort_ratio",
+    "wall_s",
+)
+"""Columns of the table after those that tell points apart.
+
+- ``arm_s``: time that passed for the arm.
+- ``rms_first_rad``, ``rms_final_rad``: RMS tracking error of the first and of the last trial; None if it was
+  not completed.
+- ``rms_best_at_goal_rad``: the smallest one of the completed trials of the goal movement.
+- ``max_error_rad``: the largest deviation of a joint in all trials, aborted ones included.
+- ``goal_reached``: whether a trial of the goal movement was completed.
+- ``duration_reached_s``: of the fastest completed trial.
+- ``warned_trial``: the first one after which practice seemed to lead nowhere, by lock-up or divergence.
+- ``warning``: what there was to say of that after the last trial.
+- ``goal_effort_ratio``: the effort that the goal movement needs on this arm, as a share of the effort limit;
+  above 1 no command can do it.
+"""
+
+
+def run_point(config: Config) -> dict[str, Any]:
+    """Practise, and return the measures of the run; what goes wrong on purpose becomes a result, too.
+
+    Returns:
+        A value for each of :data:`MEASURES`; None where there is none.
+    """
+    started = time.monotonic()
+    try:
+        result = _practised(config)
+    except TelError as error:
+        result = failure(str(error))
+    return {**result, "wall_s": round(time.monotonic() - started, 3)}
+
+
+def failure(message: str) -> dict[str, Any]:
+    """Return the measures of a point that gave none."""
+    return {**dict.fromkeys(MEASURES), "outcome": FAILED, "message": message}
+
+
+@on_one_thread  # there is a worker for each core
+def _practised(config: Config) -> dict[str, Any]:
+    effort_ratio = _goal_effort_ratio(config)
+    done: list[PractisedTrial] = []
+    try:
+        ending = _run(config, done)
+        outcome, message = str(ending.outcome), ending.message
+    except TelError as error:
+        if not done:
+            raise
+        outcome, message = FAILED, str(error)
+    return {
+        "outcome": outcome,
+        "message": message,
+        **_of_trials(done),
+        **_warnings(done, config.practice.tolerance_rad),
+        "goal_effort_ratio": _number(effort_ratio),
+    }
+
+
+def _run(config: Config, done: list[PractisedTrial]) -> Ending:
+    """Practise; ``done`` gets the trials one by one, so that they are there if one of them raises."""
+    # Late, and here alone: the physics are loaded in workers, not by the command line.
+    from tel_lab.offline import OfflinePractice
+
+    class Practice(OfflinePractice):
+        def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
+            done.append(super().run_trial(plan))
+            return done[-1]
+
+    with Practice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        practice.run()
+        assert practice.ending is not None  # it has run
+        return practice.ending
+
+
+def _of_trials(done: Sequence[PractisedTrial]) -> dict[str, Any]:
+    reports = [practised.trial.report for practised in done]
+    completed = [practised for practised in done if practised.trial.report.outcome == Outcome.COMPLETED]
+    at_goal = [p.trial.report.rms_error_rad for p in completed if p.plan.alpha >= _GOAL_ALPHA]
+    first, last = reports[0], reports[-1]
+    deviations_rad = [r.max_error_rad for r in reports if math.isfinite(r.max_error_rad)]
+    return {
+        "trials": len(reports),
+        "arm_s": round(1e-9 * sum(report.end_ns - report.start_ns for report in reports), 6),
+        "rms_first_rad": _number(first.rms_error_rad) if first.outcome == Outcome.COMPLETED else None,
+        "rms_final_rad": _number(last.rms_error_rad) if last.outcome == Outcome.COMPLETED else None,
+        "rms_best_at_goal_rad": min(map(float, at_goal), default=None),
+        "max_error_rad": max(map(float, deviations_rad), default=None),
+        "aborts": sum(report.outcome == Outcome.ABORTED for report in reports),
+        "goal_reached": bool(at_goal),
+        "duration_reached_s": min((p.plan.movement.duration_s for p in completed), default=None),
+    }
+
+
+def _warnings(done: Sequence[PractisedTrial], tolerance_rad: float) -> dict[str, Any]:
+    monitor = LockUpMonitor(tolerance_rad)
+    said = [
+        monitor.after_trial(
+            practised.plan.alpha,
+            practised.trial.report.rms_error_rad,
+            practised.training.rms_before_rad if practised.training else math.nan,
+            practised.training.rms_after_rad if practised.training else math.nan,
+        )
+        for practised in done
+    ]
+    first = next((number for number, text in enumerate(said, start=1) if text), None)
+    return {"warned_trial": first, "warning": said[-1]}
+
+
+def _goal_effort_ratio(config: Config) -> float:
+    """Return the largest effort of the goal movement of the simulated arm as a share of the limits."""
+    from tel_lab.exact_model import ExactInverseDynamics
+
+    arm = config.arm
+    desired = sample(load_path(config.path, arm), config.practice.goal_duration_s, _EFFORT_RATE_HZ)
+    y = stack_inputs(desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2)
+    offset_rad = ExactInverseDynamics(config, config.sim).predict(y)
+    effort_nm = np.array(arm.stiffness_nm_per_rad) * offset_rad
+    effort_nm -= np.array(arm.damping_nms_per_rad) * desired.velocity_rad_s
+    return float(np.max(np.abs(effort_nm) / np.array(arm.effort_limit_nm)))
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,108 @@
+"""A practice run in the terms of the paper's theorems, from its bags and networks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
+from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tel_ros.app.figures import WIDTH_IN
+from tel_ros.app.report_data import RunData, TrialSummary
+from tel_ros.app.trial_figures import over_trials
+from tel_ros.core.errors import TelError
+from tel_ros.core.learning.signals import configured_samples
+from tel_ros.recording.network_file import load_network
+from tel_ros.recording.run_folder import network_after
+from tel_ros.recording.trial_bag import read_trial
+
+
+@dataclass(frozen=True)
+class RunTheory:
+    """What can be told of a run.
+
+    Args:
+        trials: those that were learned from, as far as bags and networks are there.
+        estimates: one for each of them.
+        missing: why there is nothing, or not everything; empty if nothing is missing.
+    """
+
+    trials: tuple[TrialSummary, ...]
+    estimates: tuple[TheoryEstimate, ...]
+    missing: str
+
+    def figure(self) -> Figure:
+        """Return errors and factors over the trials; there has to be an estimate."""
+        return theory_figure(self.trials, self.estimates)
+
+
+def run_theory(run: RunData) -> RunTheory:
+    """Return what the theorems speak of for all trials of a run that were learned from.
+
+    Bags and networks that cannot be read are said, not fatal: the estimates end before them.
+    """
+    if not run.varies_speed_alone:
+        return RunTheory((), (), "The theorems are measured on runs in which only the speed varies.")
+    learned = [trial for trial in run.trials if trial.bag is not None and trial.was_learned_from]
+    done: list[TrialSummary] = []
+    estimates: list[TheoryEstimate] = []
+    monitor: TheoryMonitor | None = None
+    latest = 0
+    for trial in learned:
+        before_index = latest if trial.went_back_to is None else trial.went_back_to
+        try:
+            before = load_network(network_after(run.folder, before_index))
+            after = load_network(network_after(run.folder, trial.index))
+            signals = read_trial(run.folder / str(trial.bag)).signals()
+            monitor = monitor or TheoryMonitor(before.context.input_range, run.config.learning.training)
+            samples = configured_samples(signals, run.config.learning)
+            estimate = monitor.after_trial(trial.alpha, trial.duration_s, signals, samples, before, after)
+        except TelError as error:
+            why = str(error).replace(f"{run.folder}/", "")
+            return RunTheory(tuple(done), tuple(estimates), f"Nothing from trial {trial.index} on: {why}.")
+        done.append(trial)
+        estimates.append(estimate)
+        latest = trial.index
+    missing = "" if done else "No trial of this run was learned from."
+    return RunTheory(tuple(done), tuple(estimates), missing)
+
+
+def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:
+    """Return what the theorems of [Practice] speak of, over the trials that were learned from.
+
+    Args:
+        trials: of a run; at least one.
+        estimates: one a trial.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
+    errors, factors = figure.subplots(1, 2)
+    steps = [e.step_rad if e.step_rad > 0.0 else math.nan for e in estimates]
+    over_trials(
+        errors,
+        trials,
+        [
+            (steps, "allowed for the step", PURPLE, "v"),
+            ([e.tracking_error_rad for e in estimates], "tracking", BLUE, "o"),
+            ([e.training_error_rad for e in estimates], "training", GREEN, "s"),
+            ([e.command_error_rad for e in estimates], "command, estimated", ORANGE, "^"),
+        ],
+        log=True,
+    )
+    errors.set(title="Errors and the bound of Theorem 3", ylabel="RMS [rad]")
+    over_trials(
+        factors,
+        trials,
+        [
+            ([e.k_r for e in estimates], "k_R", BLUE, "o"),
+            ([e.theorem_1 for e in estimates], "1 − γ + γ k_R", GREEN, "s"),
+            ([e.contraction for e in estimates], "what training made of it", INK, "^"),
+        ],
+        log=False,
+    )
+    factors.axhline(1.0, color=GREY, linewidth=0.8)
+    factors.set(title="Contraction of the command error", ylabel="factor")
+    factors.set_ylim(bottom=0.0)
+    return figure

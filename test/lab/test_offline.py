@@ -1,0 +1,367 @@
+"""Trials without ROS: the same as those of the ROS graph, repeatable, and safe to go on from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from tel_lab.offline import OfflineArm, OfflinePractice, OfflineTrial
+from tel_ros.core.config import Config
+from tel_ros.core.errors import ConfigError, TrainingError, TrajectoryError
+from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.springs import Springs
+from tel_ros.core.trajectories.paths import waypoint_path
+from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Outcome, Phase, TrialGoal
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording import topics
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.trial_bag import read_trial
+from tel_ros.recording.waypoint_file import load_path
+
+ROOT = Path(__file__).parents[2]
+SAMPLE_RUN = ROOT / "bags" / "sample_run"
+GRAPH_RMS_RAD = [
+    *(0.0681, 0.0049, 0.0029, 0.0022, 0.0020, 0.0019, 0.0022, 0.0029),
+    *(0.0042, 0.0056, 0.0087, 0.0134, 0.0213, 0.0336, 0.0544),
+]
+"""Of the paper's protocol, as the ROS graph measured them in lockstep."""
+
+MakeArm = Callable[..., OfflineArm]
+MakePractice = Callable[..., OfflinePractice]
+
+
+def config(*overrides: str) -> Config:
+    return load_config(ROOT / "config" / "paper.yaml", overrides)
+
+
+@pytest.fixture
+def open_arms() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def make_arm(open_arms: ExitStack) -> MakeArm:
+    """Make arms of the paper's protocol: ``make_arm("control.path_tolerance_rad=0.1")``."""
+    return lambda *overrides: open_arms.enter_context(OfflineArm(config(*overrides)))
+
+
+@pytest.fixture
+def make_practice(open_arms: ExitStack) -> MakePractice:
+    """Make practice runs of the paper's protocol: ``make_practice("practice.trials=2")``."""
+
+    def make(*overrides: str) -> OfflinePractice:
+        asked = config(*overrides)
+        path = load_path(asked.path, asked.arm)
+        return open_arms.enter_context(OfflinePractice(asked, path, new_network(asked)))
+
+    return make
+
+
+def goal(index: int = 1, duration_s: float = 3.0) -> TrialGoal:
+    """Return a trial along the paper's path whose equilibrium is the desired position."""
+    asked = config()
+    desired = sample(load_path(asked.path, asked.arm), duration_s, asked.control.rate_hz)
+    return TrialGoal(index, 1.0, desired, desired.position_rad)
+
+
+def assert_same_ticks(one: OfflineTrial, other: OfflineTrial) -> None:
+    for field in fields(OfflineTrial):
+        if field.name != "report":
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_equal_configurations_give_bit_identical_ticks(make_arm: MakeArm) -> None:
+    trials = [make_arm("sim.position_noise_rad=1e-4").run_trial(goal()) for _ in range(2)]
+    assert_same_ticks(*trials)
+    assert trials[0].report.outcome == Outcome.COMPLETED
+
+
+def test_a_trial_goes_through_all_phases_with_a_row_for_each_tick(make_arm: MakeArm) -> None:
+    trial = make_arm().run_trial(goal())
+    n = trial.report.ticks
+    assert list(dict.fromkeys(trial.phase)) == [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]
+    for field in fields(OfflineTrial):
+        if field.name not in ("report", "time_ns", "phase", "springs"):
+            assert getattr(trial, field.name).shape == (n, 6 if field.name == "desired" else 2)
+    run = trial.phase == Phase.RUN
+    error_rad = (trial.position_rad - trial.desired[:, :2])[run]
+    assert trial.report.rms_error_rad == pytest.approx(np.sqrt(np.mean(error_rad**2)))
+
+
+def test_signals_are_the_ticks_from_the_start_posture_on(make_arm: MakeArm) -> None:
+    trial = make_arm().run_trial(goal())
+    rows = trial.phase != Phase.APPROACH
+    signals = trial.signals
+    np.testing.assert_array_equal(signals.time_ns, trial.time_ns[rows])
+    np.testing.assert_array_equal(signals.run, trial.phase[rows] == Phase.RUN)
+    for name in ("desired", "position_rad", "equilibrium_rad", "saturated"):
+        np.testing.assert_array_equal(getattr(signals, name), getattr(trial, name)[rows])
+
+
+def test_in_an_abort_the_command_of_the_brake_is_not_learned_from(make_arm: MakeArm) -> None:
+    trial = make_arm("control.path_tolerance_rad=0.1").run_trial(goal())
+    signals = trial.signals
+    n_stop = np.count_nonzero(trial.phase == Phase.STOP)
+    assert n_stop > 0
+    np.testing.assert_array_equal(signals.position_rad[-n_stop:], trial.position_rad[-n_stop:])
+    last_rad = trial.equilibrium_rad[trial.phase == Phase.RUN][-1]
+    np.testing.assert_array_equal(signals.equilibrium_rad[-n_stop:], np.tile(last_rad, (n_stop, 1)))
+
+
+def test_an_abort_is_reported_and_leaves_the_arm_at_rest(make_arm: MakeArm) -> None:
+    arm = make_arm("control.path_tolerance_rad=0.3")
+    report = arm.run_trial(goal()).report
+    assert report.outcome == Outcome.ABORTED
+    assert "corridor 0.300 rad" in report.message
+    assert arm.plant.at_rest(config().control.settle_speed_rad_s)
+    assert arm.run_trial(goal(2, duration_s=12.0)).report.outcome == Outcome.COMPLETED
+
+
+def test_a_goal_that_the_arm_must_not_follow_moves_nothing(make_arm: MakeArm) -> None:
+    arm = make_arm()
+    with pytest.raises(TrajectoryError, match="expected -15.000 to 15.000 rad/s"):
+        arm.run_trial(goal(duration_s=0.5))
+    assert arm.plant.time_ns == 0
+    assert arm.run_trial(goal()).report.outcome == Outcome.COMPLETED
+
+
+def test_another_arm_takes_over_the_posture_and_time_goes_on(make_arm: MakeArm) -> None:
+    arm = make_arm()
+    light = arm.run_trial(goal(1, 6.0))
+    posture_rad = arm.plant.true_position_rad
+    arm.replace_arm(replace(config().sim, payload_kg=1.0))
+    assert arm.plant.true_position_rad == posture_rad
+    assert arm.plant.true_velocity_rad_s == (0.0, 0.0)
+    heavy = arm.run_trial(goal(2, 6.0))
+    assert heavy.time_ns[0] == light.time_ns[-1] + 2_000_000
+    assert heavy.report.rms_error_rad > 1.2 * light.report.rms_error_rad
+
+
+def test_another_arm_does_not_repeat_the_noise_of_the_first(make_arm: MakeArm) -> None:
+    arm = make_arm("sim.position_noise_rad=1e-3", "sim.encoder_bits=0")
+    noisy = config("sim.position_noise_rad=1e-3", "sim.encoder_bits=0").sim
+
+    def noise_rad() -> np.ndarray:
+        return np.subtract(arm.plant.reading().position_rad, arm.plant.true_position_rad)
+
+    first_rad = noise_rad()
+    arm.replace_arm(noisy)
+    assert np.all(noise_rad() != first_rad)
+
+
+def test_an_arm_that_cannot_be_made_leaves_the_old_one_in_place(make_arm: MakeArm) -> None:
+    arm = make_arm()
+    old = arm.plant
+    with pytest.raises(ConfigError, match="coulomb_friction_nm"):
+        arm.replace_arm(replace(config().sim, coulomb_friction_nm=(0.1, 0.1, 0.1)))
+    assert arm.plant is old
+    assert arm.run_trial(goal()).report.outcome == Outcome.COMPLETED
+
+
+@pytest.mark.timeout(180)
+def test_the_papers_protocol_gives_the_errors_that_the_graph_measured(make_practice: MakePractice) -> None:
+    done = make_practice().run()
+    errors_rad = [practised.trial.report.rms_error_rad for practised in done]
+    # The last digit of the measurements: learning may sum in another order on another processor.
+    assert errors_rad == pytest.approx(GRAPH_RMS_RAD, abs=6e-5)
+    assert [practised.learner.trials_learned for practised in done] == list(range(1, 16))
+
+
+def test_practice_ends_with_an_abort_and_does_not_learn_from_it(make_practice: MakePractice) -> None:
+    practice = make_practice("control.path_tolerance_rad=0.1", "practice.first_duration_s=4.5")
+    learner = practice.learner
+    (practised,) = practice.run()
+    assert practised.trial.report.outcome == Outcome.ABORTED
+    assert practised.training is None
+    assert practice.learner is practised.learner is learner
+
+
+def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unless_it_goes_on_after_aborts(
+    make_practice: MakePractice,
+) -> None:
+    weak = (
+        "arm.effort_limit_nm=[0.1, 0.05]",
+        "control.path_tolerance_rad=3.0",
+        "practice.first_duration_s=4.5",
+    )
+    with pytest.raises(TrainingError, match=r"clipped, .* in 2193 of the 2251 ticks of RUN, which leaves 0"):
+        make_practice(*weak).run()
+    practice = make_practice(*weak, "practice.on_abort=continue", "practice.trials=2")
+    learner = practice.learner
+    for practised in practice.run():
+        assert practised.trial.report.outcome == Outcome.COMPLETED
+        assert practised.training is None
+        assert practised.learner is learner
+
+
+def test_practice_goes_on_after_an_abort_if_it_is_told_so(make_practice: MakePractice) -> None:
+    practice = make_practice(
+        "control.path_tolerance_rad=0.1",
+        "practice.first_duration_s=4.5",
+        "practice.on_abort=continue",
+        "practice.trials=2",
+    )
+    first, second = practice.run()
+    assert first.trial.report.outcome == Outcome.ABORTED
+    assert first.training is not None
+    assert [first.learner.trials_learned, second.learner.trials_learned] == [1, 2]
+
+
+def test_the_arm_can_be_replaced_before_a_trial(make_practice: MakePractice) -> None:
+    practice = make_practice("practice.first_duration_s=4.5", "practice.trials=2")
+
+    def put_on_payload(plan: PlannedTrial) -> None:
+        if plan.index == 2:
+            practice.arm.replace_arm(replace(config().sim, payload_kg=1.0))
+
+    with_payload = practice.run(before_trial=put_on_payload)
+    without = make_practice("practice.first_duration_s=4.5", "practice.trials=2").run()
+    assert_same_ticks(with_payload[0].trial, without[0].trial)
+    assert with_payload[1].trial.report.rms_error_rad > 1.2 * without[1].trial.report.rms_error_rad
+
+
+def planned(movement: Movement, index: int = 1) -> PlannedTrial:
+    return PlannedTrial(index, 1.0, movement)
+
+
+def test_what_stiffer_springs_exert_is_learned_as_the_configured_springs_would_exert_it(
+    make_arm: MakeArm,
+) -> None:
+    configured = Springs.of(config().arm)
+    trial = make_arm().run_trial(replace(goal(duration_s=6.0), springs=configured.scaled(4.0)))
+    assert trial.report.outcome == Outcome.COMPLETED
+    assert not trial.saturated.any()
+    rows = trial.phase != Phase.APPROACH
+    offset_rad = (
+        trial.effort_nm + configured.damping_nms_per_rad * trial.velocity_rad_s
+    ) / configured.stiffness_nm_per_rad
+    learned_rad = trial.signals.equilibrium_rad - trial.position_rad[rows]
+    np.testing.assert_allclose(learned_rad, offset_rad[rows], atol=1e-9)
+
+
+def test_what_is_learned_with_stiff_springs_serves_the_configured_ones(make_practice: MakePractice) -> None:
+    options = ("learning.weights=least_squares", "learning.filter=auto")
+    practice = make_practice(*options)
+    stiff = practice.run_trial(planned(Movement(5.0, stiffness=4.0)))
+    learned = practice.run_trial(planned(Movement(5.0), 2))
+    unlearned = make_practice(*options).run_trial(planned(Movement(5.0)))
+    assert stiff.trial.report.rms_error_rad < 0.5 * unlearned.trial.report.rms_error_rad
+    assert learned.trial.springs is None
+    # Without the conversion the damper's share would be wrong by a factor of 2, and the spring's by 4.
+    assert learned.trial.report.rms_error_rad < 0.15 * unlearned.trial.report.rms_error_rad
+
+
+def test_a_part_of_the_path_is_approached_and_practised_from_rest_to_rest(
+    make_practice: MakePractice,
+) -> None:
+    trial = make_practice().run_trial(planned(Movement(12.0, start=0.25, end=0.5))).trial
+    assert trial.report.outcome == Outcome.COMPLETED
+    assert trial.report.duration_s == pytest.approx(3.0, abs=2e-3)
+    path = load_path(config().path, config().arm)
+    desired = trial.desired[trial.phase == Phase.RUN]
+    np.testing.assert_allclose(desired[[0, -1], :2], path.evaluate(np.array([0.25, 0.5]))[0], atol=1e-9)
+    np.testing.assert_allclose(desired[[0, -1], 2:4], 0.0, atol=1e-9)
+
+
+def test_a_smaller_movement_stays_near_the_first_posture(make_practice: MakePractice) -> None:
+    practice = make_practice()
+    reach_rad = []
+    for index, amplitude in ((1, 1.0), (2, 0.25)):
+        trial = practice.run_trial(planned(Movement(9.0, amplitude=amplitude), index)).trial
+        desired_rad = trial.desired[trial.phase == Phase.RUN][:, :2]
+        reach_rad.append(np.abs(desired_rad - desired_rad[0]).max(axis=0))
+    np.testing.assert_allclose(reach_rad[1], 0.25 * reach_rad[0], rtol=1e-9)
+
+
+def test_practice_goes_from_the_known_path_to_the_goal(open_arms: ExitStack) -> None:
+    asked = config(
+        "practice.vary=[shape]",
+        "path.known_name=planar_loops",
+        "practice.trials=2",
+        "practice.goal_duration_s=8",
+    )
+    path, known = load_path(asked.path, asked.arm), waypoint_path("line", np.array([[0.2, 1.0], [0.8, 1.4]]))
+    practice = open_arms.enter_context(OfflinePractice(asked, path, new_network(asked), known))
+    first, last = practice.run()
+    run = first.trial.phase == Phase.RUN
+    np.testing.assert_allclose(first.trial.desired[run][[0, -1], :2], [[0.2, 1.0], [0.8, 1.4]], atol=1e-6)
+    run = last.trial.phase == Phase.RUN
+    np.testing.assert_allclose(last.trial.desired[run][0, :2], path.evaluate(np.zeros(1))[0][0], atol=1e-9)
+
+
+def test_the_shape_cannot_vary_without_a_known_path(make_practice: MakePractice) -> None:
+    practice = make_practice()
+    with pytest.raises(ConfigError, match="known path"):
+        practice.run_trial(planned(Movement(9.0, shape=0.5)))
+    assert practice.arm.plant.time_ns == 0
+
+
+def recorded(bag: Path, topic: str) -> list[Any]:
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+
+
+def recorded_goal(bag: Path) -> TrialGoal:
+    (message,) = recorded(bag, topics.TRIAL_GOAL)
+    rows = [
+        np.array(getattr(message, name)).reshape(len(message.time_ns), -1)
+        for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "equilibrium_rad")
+    ]
+    return TrialGoal(
+        message.trial, message.alpha, DesiredTrajectory(np.array(message.time_ns), *rows[:3]), rows[3]
+    )
+
+
+@pytest.mark.parametrize("n_trials", [1, 2])
+def test_the_ros_graph_and_the_same_trials_offline_agree_message_by_message(n_trials: int) -> None:
+    """The bags were recorded by the whole graph in lockstep; trial 2 begins where trial 1 has ended."""
+    bags = [SAMPLE_RUN / f"trial_{k:03d}" for k in range(1, n_trials + 1)]
+    with OfflineArm(load_config(SAMPLE_RUN / "run.yaml")) as arm:
+        trial = [arm.run_trial(recorded_goal(bag)) for bag in bags][-1]
+        end = arm.plant.reading()
+
+    from_bag = read_trial(bags[-1])
+    for field in fields(OfflineTrial):
+        if field.name != "report":
+            np.testing.assert_array_equal(getattr(from_bag, field.name), getattr(trial, field.name))
+    (result,) = recorded(bags[-1], topics.TRIAL_RESULT)
+    for name in ("index", "outcome", "message", "ticks", "rms_error_rad", "max_error_rad"):
+        assert getattr(result, name) == getattr(trial.report, name)
+
+    commands = recorded(bags[-1], topics.EFFORT_COMMANDS)
+    np.testing.assert_array_equal([command.data for command in commands], trial.effort_nm)
+
+    # The last state is the one that the last command has led to. The very first one of the run was there
+    # before the recorder listened.
+    states = recorded(bags[-1], topics.JOINT_STATES)
+    assert len(states) >= len(trial.time_ns)
+    rows = slice(-len(states), None)
+    stamps_ns = [state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec for state in states]
+    assert stamps_ns == [*trial.time_ns, end.time_ns][rows]
+    for name, offline, last in (
+        ("position", trial.position_rad, end.position_rad),
+        ("velocity", trial.velocity_rad_s, end.velocity_rad_s),
+    ):
+        np.testing.assert_array_equal([getattr(s, name) for s in states], np.vstack([offline, last])[rows])
+    acted_nm = [state.effort for state in states[-len(trial.time_ns) :]]
+    np.testing.assert_array_equal(acted_nm, trial.effort_nm)
+
+
+def test_signals_offline_are_those_that_are_read_from_the_bag() -> None:
+    with OfflineArm(load_config(SAMPLE_RUN / "run.yaml")) as arm:
+        offline = arm.run_trial(recorded_goal(SAMPLE_RUN / "trial_001")).signals
+    from_bag = read_trial(SAMPLE_RUN / "trial_001").signals()
+    for field in fields(offline):
+        np.testing.assert_array_equal(getattr(from_bag, field.name), getattr(offline, field.name))
