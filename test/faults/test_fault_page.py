@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
-
-from fault_campaign import Row  # noqa: E402
-from fault_page import table, write_page  # noqa: E402
-from fault_plan import Fault, plan  # noqa: E402
-from faults import set_aside, stored  # noqa: E402
+from fault_campaign import set_aside, stored
+from fault_injection import Row
+from fault_page import table, write_page
+from fault_plan import Fault, plan
 
 
 @pytest.fixture
@@ -57,7 +52,7 @@ def test_the_table_counts_faults_violations_and_ways_of_stopping(rows: list[Row]
 
 
 def test_the_page_tells_violations_skipped_and_repeated_faults(rows: list[Row], tmp_path: Path) -> None:
-    write_page(rows, tmp_path / "faults.md", "benchmarks/faults.py --faults 9", 9)
+    write_page(rows, tmp_path / "faults.md", "pytest test/faults --faults 9", 9)
     page = (tmp_path / "faults.md").read_text()
     assert "So far 5 of 9." in page
     assert "4 faults were injected" in page

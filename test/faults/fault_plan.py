@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from fault_kinds import KINDS, Parameters
-from fault_setups import TRIAL_S
+from fault_kinds import KINDS
+from fault_messages import Parameters
+from fault_setups import SETUPS, TRIAL_S
 
-_SETUP_WEIGHTS = {"planar": 0.5, "planar_3": 0.15, "iiwa": 0.1, "lockstep": 0.15, "iiwa_lockstep": 0.1}
 _END_SHARE = 0.3
 """Of all faults that end a run: each of these costs a graph that has to come up."""
 
@@ -45,7 +45,7 @@ def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = (
         setups: only these graphs; all if empty.
     """
     rng = np.random.default_rng(seed)
-    graphs = tuple(setups) or tuple(_SETUP_WEIGHTS)
+    graphs = tuple(setups) or tuple(SETUPS)
     pool = [k for k in KINDS.values() if (not kinds or k.name in kinds) and set(k.setups) & set(graphs)]
     ending = np.array([kind.ends_run for kind in pool])
     weights = np.array([kind.weight for kind in pool])
@@ -58,7 +58,7 @@ def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = (
         k = order.pop() if order else rng.choice(len(pool), p=weights / weights.sum())
         kind = pool[int(k)]
         names = [name for name in graphs if name in kind.setups]
-        share = np.array([_SETUP_WEIGHTS[name] for name in names])
+        share = np.array([SETUPS[name].weight for name in names])
         setup = str(rng.choice(names, p=share / share.sum()))
         offset_s = round(float(rng.uniform(0.05, TRIAL_S - 0.3)), 3)
         faults.append(Fault(index, kind.name, setup, offset_s, kind.draw(rng)))

@@ -1,28 +1,23 @@
-"""Injecting faults into graphs one after the other, and judging each."""
+"""Injecting faults into a running graph one after the other, and judging each."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-import shutil
 import signal
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 
 import numpy as np
 import psutil
 from fault_body import Body
-from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, DiskUnavailableError, FaultGraph
-from fault_judge import Episode, JointLimits, Trace, caught_up_ns, judge
-from fault_kinds import ANY_REASON, KINDS, SILENCE_S, Expectation, Kind
-from fault_messages import corruption
+from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, FaultGraph
+from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, judge
+from fault_kinds import ANY_REASON, KINDS, SILENCE_S, Kind
 from fault_plan import Fault
-from fault_setups import SETUPS
-from fault_tap import Heard, resting_state
+from fault_tap import Heard
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -72,68 +67,6 @@ class Row:
         return json.dumps(asdict(self))
 
 
-class Batch:
-    """Some faults of one kind of graph; a new graph comes up whenever a run has ended.
-
-    Args:
-        faults: in the order of their injection.
-        folder: for the graphs' files; must not exist.
-        domains: ROS domains, one for each graph.
-        keep: whether the files of graphs without a violation are kept.
-        results: file of JSON lines that each row is appended to at once.
-    """
-
-    def __init__(
-        self, faults: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
-    ) -> None:
-        self._waiting, self._results = list(faults), results
-        self._folder, self._domains, self._keep = folder, domains, keep
-        self._earlier: dict[int, list[str]] = {}
-
-    def run(self) -> list[Row]:
-        """Inject all of them."""
-        rows: list[Row] = []
-        n_graphs = 0
-        while self._waiting:
-            folder = self._folder / f"graph_{n_graphs + 1}"
-            done = self._one_graph(folder, self._domains[n_graphs % len(self._domains)])
-            rows += done
-            n_graphs += 1
-            if not self._keep and not any(row.violations for row in done):
-                shutil.rmtree(folder, ignore_errors=True)
-        return rows
-
-    def _one_graph(self, folder: Path, domain: int) -> list[Row]:
-        setup = SETUPS[self._waiting[0].setup]
-        small_disk = any(fault.kind == "disk_full" for fault in self._waiting)
-        rows = []
-        try:
-            with FaultGraph(setup, folder, domain, 3 * len(self._waiting) + 5, small_disk) as graph:
-                injection = Injection(graph)
-                while self._waiting and not graph.ended():
-                    fault = self._waiting[0]
-                    row = injection.inject(fault)
-                    earlier = self._earlier.setdefault(fault.index, [])
-                    row.earlier = list(earlier)
-                    disturbed = row.stall_s > STALL_S or not row.trial
-                    if disturbed and row.violations and len(earlier) < TRIES - 1:
-                        earlier.append(f"{'; '.join(row.violations)} (stall of {row.stall_s} s)")
-                        continue
-                    rows.append(row)
-                    self._store(row)
-                    self._waiting.pop(0)
-        except DiskUnavailableError as error:
-            full = [fault for fault in self._waiting if fault.kind == "disk_full"]
-            # Not stored: a campaign that is gone on with where it is permitted injects them.
-            rows += [Row(fault, skipped=f"no small disk can be mounted here: {error}") for fault in full]
-            self._waiting = [fault for fault in self._waiting if fault.kind != "disk_full"]
-        return rows
-
-    def _store(self, row: Row) -> None:
-        with self._results.open("a", encoding="utf-8") as file:  # one write: others append as well
-            file.write(row.as_json() + "\n")
-
-
 class Injection:
     """Injects faults into one running graph.
 
@@ -151,7 +84,6 @@ class Injection:
             np.array(arm.velocity_limit_rad_s),
         )
         self._body = Body.of(graph.config)
-        self._joints = arm.joints
         self._next_trial = 1
         self._verified: set[int] = set()
         self._trial = 0
@@ -163,10 +95,11 @@ class Injection:
         started = time.monotonic()
         kind, row = KINDS[fault.kind], Row(fault)
         self._trial = 0
-        self._graph.wait(lambda: self._graph.ended() or self._complete(), START_TIMEOUT_S)
-        begun = self._tap.when(
-            self._next_trial, fault.offset_s, lambda trial: self._act_if_there(fault, trial)
+        everybody = {*node_names(self._graph.config), "sim_bridge", "tel"}
+        self._graph.wait(
+            lambda: self._graph.ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S
         )
+        begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))
         self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
         if not self._trial:
             row.message = self._graph.last_words()
@@ -180,45 +113,13 @@ class Injection:
         self._next_trial = max(self._tap.begun, default=0)
         return row
 
-    def _complete(self) -> bool:
-        """Whether all processes are there."""
-        return {*node_names(self._graph.config), "sim_bridge", "tel"} <= set(self._graph.nodes())
-
-    def _act_if_there(self, fault: Fault, trial: int) -> None:
-        """Do it, unless the process that it concerns is not there: then there is no trial of this fault."""
-        try:
-            self._act(fault, trial)
-        except (KeyError, psutil.NoSuchProcess):
-            self._trial = 0
-
     def _act(self, fault: Fault, trial: int) -> None:
         """Do it. Called in the thread of the observer, between two messages."""
         self._trial, self._fault_ns, self._fault_wall_s = trial, self._tap.arm_ns, time.monotonic()
-        graph, values = self._graph, fault.parameters
-        verb, _, name = fault.kind.partition("_")
-        if fault.kind == "pause_in_lockstep":
-            graph.pause("ep_controller", values["pause_s"])
-        elif verb == "pause":
-            graph.pause(name, values["pause_s"])
-        elif verb == "hang":
-            graph.send(name, signal.SIGSTOP)
-        elif verb == "kill":
-            graph.send(name, signal.SIGKILL)
-        elif verb == "emergency":
-            self._tap.emergency_stop()
-        elif fault.kind == "interrupt":
-            graph.send("tel", signal.SIGINT)
-        elif fault.kind == "disk_full":
-            threading.Thread(target=graph.fill_disk).start()
-        elif fault.kind == "recorder_file_limit":
-            graph.limit_files("trial_recorder")
-        elif fault.kind == "state_duplicate":
-            self._tap.intrude("states", lambda: resting_state(self._tap, self._joints), values["duration_s"])
-        elif fault.kind == "command_duplicate":
-            effort = (values["share_of_limit"] * self._limits.effort_nm).tolist()
-            self._tap.intrude("commands", lambda: Float64MultiArray(data=effort), values["duration_s"])
-        else:
-            self._tap.corrupt(KINDS[fault.kind].channel, corruption(fault.kind, values), values["duration_s"])
+        try:
+            KINDS[fault.kind].inject(self._graph, fault.parameters)
+        except (KeyError, psutil.NoSuchProcess):
+            self._trial = 0  # the process that it concerns is not there: no trial of this fault
 
     def _await_end(self, fault: Fault, kind: Kind, row: Row) -> None:
         """Wait until a trial has begun after the fault was over, or the run has ended."""
@@ -232,9 +133,7 @@ class Injection:
             self._graph.wait(self._graph.ended, kind.interrupt_after_s)
             self._graph.send("tel", signal.SIGINT)
         if not self._graph.wait(lambda: self._graph.ended() or next_trial(), END_TIMEOUT_S):
-            row.violations.append(
-                f"neither the run's end nor another trial came within {END_TIMEOUT_S:.0f} s"
-            )
+            row.violations.append(f"neither the run's end nor another trial came in {END_TIMEOUT_S:.0f} s")
             self._give_up()
         if self._graph.ended():
             row.violations += [f"{name} outlives the run" for name in self._graph.left_behind()]
@@ -248,7 +147,7 @@ class Injection:
             self._graph.wait(self._graph.ended, END_TIMEOUT_S)
 
     def _judge(self, fault: Fault, kind: Kind, row: Row) -> None:
-        expects = kind.expects(fault.parameters)
+        expects = kind.expectation(fault.parameters)
         trial = self._bag(row)
         row.trial = self._trial
         completed = trial is not None and trial.outcome == Outcome.COMPLETED
@@ -275,10 +174,9 @@ class Injection:
         )
         verdict = judge(trace, self._limits, episode)
         row.violations += verdict.violations
-        row.reaction_s = None if math.isnan(verdict.reaction_s) else round(verdict.reaction_s, 4)
-        row.stopped = verdict.stopped
+        row.reaction_s, row.stopped = _number(verdict.reaction_s, 4), verdict.stopped
         row.effort_share, row.speed_share = round(verdict.effort_share, 4), round(verdict.speed_share, 4)
-        row.excursion_rad = None if math.isnan(verdict.excursion_rad) else round(verdict.excursion_rad, 3)
+        row.excursion_rad = _number(verdict.excursion_rad, 3)
         if self._graph.ended():
             self._check_end(kind, row, trace)
 
@@ -341,8 +239,8 @@ class Injection:
     def _check_end(self, kind: Kind, row: Row, trace: Trace) -> None:
         """After the run nothing acts, and the last that was commanded is zero."""
         if kind.name == "kill_sim_bridge":
-            last = self._tap.commands[-1].raw if self._tap.commands else None
-            if last is not None and not _is_zero(last):
+            commands = self._tap.commands
+            if commands and np.any(np.array(deserialize_message(commands[-1].raw, Float64MultiArray).data)):
                 row.violations.append("the last command that anybody sent was not zero")
         elif not self._graph.setup.in_between:
             return  # time stands still in lockstep once nobody commands: the last effort does not act
@@ -381,12 +279,5 @@ def _lasts_s(fault: Fault) -> float:
     return float(fault.parameters.get("pause_s", fault.parameters.get("duration_s", 0.0)))
 
 
-def _is_zero(raw: bytes) -> bool:
-    return not np.any(np.array(deserialize_message(raw, Float64MultiArray).data))
-
-
-def run_batch(
-    faults: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
-) -> list[Row]:
-    """Run a batch in this process."""
-    return Batch(faults, folder, domains, keep, results).run()
+def _number(value: float, digits: int) -> float | None:
+    return None if math.isnan(value) else round(value, digits)

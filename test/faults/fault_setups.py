@@ -11,7 +11,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.recording.config_file import load_config
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 RATE_HZ = 250.0
 """Of the control loop. Two graphs share two cores, each with an observer in Python as well."""
@@ -53,7 +53,8 @@ class Setup:
         work_tolerance_j: what the motors may put into a braked arm without being said to drive it. It covers
             one control period at full effort in mid-motion, and the springs' work while a swing dies out.
         falls: whether gravity moves the arm when its motors are off.
-        alone: whether no other graph may run beside it on two cores: states that come late for want of a core
+        weight: how often it is drawn.
+        alone: whether no other graph may run beside it on two cores: states that are late for want of a core
             are a fault of their own, and an arm that bears a weight sinks then.
     """
 
@@ -62,6 +63,7 @@ class Setup:
     in_between: bool
     work_tolerance_j: float
     falls: bool
+    weight: float
     alone: bool = False
 
     def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
@@ -100,10 +102,10 @@ def swing_csv(joints: tuple[str, ...], start_rad: np.ndarray) -> str:
 SETUPS = {
     setup.name: setup
     for setup in (
-        Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, False),
-        Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, False),
-        Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True, alone=True),
-        Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, False),
-        Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, True),
+        Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, False, 0.5),
+        Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, False, 0.15),
+        Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True, 0.1, alone=True),
+        Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, False, 0.15),
+        Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, True, 0.1),
     )
 }

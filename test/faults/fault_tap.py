@@ -129,6 +129,13 @@ class Tap(Node):
         self._foreign = (publisher, make, self.arm_ns + round(duration_s * NS_PER_S))
         self.foreign_since_ns = None
 
+    def resting_state(self, joints: tuple[str, ...]) -> JointState:
+        """Return what a second driver might say: all joints at zero, now."""
+        zero = array("d", [0.0] * len(joints))
+        message = JointState(name=list(joints), position=zero, velocity=zero, effort=zero)
+        message.header.stamp = to_time(self.arm_ns)
+        return message
+
     def emergency_stop(self) -> None:
         """Ask the controller to stop."""
         self._stop.call_async(Trigger.Request())
@@ -227,14 +234,6 @@ class Tap(Node):
         elif publisher.get_subscription_count():
             self.foreign_since_ns = self.foreign_since_ns or self.arm_ns
             publisher.publish(make())
-
-
-def resting_state(tap: Tap, joints: tuple[str, ...]) -> JointState:
-    """Return what a second driver might say: all joints at zero, now."""
-    zero = array("d", [0.0] * len(joints))
-    message = JointState(name=list(joints), position=zero, velocity=zero, effort=zero)
-    message.header.stamp = to_time(tap.arm_ns)
-    return message
 
 
 class SpunTap:

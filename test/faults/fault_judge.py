@@ -20,14 +20,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from fault_body import GIVEN_BACK, Body
-from fault_kinds import Expectation
 
 from tel_ros.core.trial import Phase
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
+Expectation = Literal["stop", "ride", "either", "end"]
+EXPECTATIONS: dict[Expectation, str] = {
+    "stop": "the arm is braked, held or without effort within 0.1 s of arm time, until the next trial begins",
+    "ride": "the trial goes on and is completed",
+    "either": "the trial is completed, or the arm is braked as soon as the controller says STOP",
+    "end": "arm and controller still work, so the trial may go on while the run is being ended; the arm is "
+    "braked as soon as the controller says STOP",
+}
 REACTION_LIMIT_S = 0.1
 DELAY_S = 0.01
 """What the arm contract allows between sending a command and a state that shows it."""

@@ -144,7 +144,10 @@ class FaultGraph:
         self._nodes[name].send_signal(number)
 
     def fill_disk(self) -> None:
-        """Leave no free block on the run's disk."""
+        """Begin to leave no free block on the run's disk."""
+        threading.Thread(target=self._fill_disk).start()
+
+    def _fill_disk(self) -> None:
         # Without a buffer: what is left in it could not be written when the file is closed.
         with tempfile.NamedTemporaryFile(dir=self._disk, delete=False, buffering=0) as file:
             try:

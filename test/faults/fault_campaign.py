@@ -1,39 +1,83 @@
-"""The fault campaign: faults injected into the real graph, each of them judged.
-
-    .venv/bin/python benchmarks/faults.py --faults 500 --seed 1 --jobs 2
-
-Prints a line a fault and the table, and writes docs/faults.md. Results go to a file of JSON lines, one a
-fault; the same command goes on where it was interrupted. Exit code 1 if any fault led to a violation.
-"""
+"""A fault campaign: graphs side by side, results stored as they come, and a line about each fault."""
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import multiprocessing
-import os
+import shutil
 import sys
-import time
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from pathlib import Path
 
-from fault_campaign import Row, run_batch
-from fault_kinds import KINDS
-from fault_page import table, write_page
-from fault_plan import Fault, batches, plan
+from fault_graph import DiskUnavailableError, FaultGraph
+from fault_injection import STALL_S, TRIES, Injection, Row
+from fault_plan import Fault, batches
 from fault_setups import SETUPS
 
-ROOT = Path(__file__).parents[1]
 PROCESSES = 3
 """So many a batch may use up."""
 SUPERSEDED = "superseded.jsonl"
 """Beside the results: those of faults that were injected again when asked to."""
 DOMAINS_PER_JOB = 20
 """A graph gets another domain than the one before it: what that has left behind must not answer."""
+
+
+def run_batch(
+    faults: Sequence[Fault], folder: Path, domains: Sequence[int], keep: bool, results: Path
+) -> list[Row]:
+    """Inject some faults of one kind of graph; a new graph comes up whenever a run has ended.
+
+    Args:
+        faults: in the order of their injection.
+        folder: for the graphs' files; must not exist.
+        domains: ROS domains, one for each graph.
+        keep: whether the files of graphs without a violation are kept.
+        results: file of JSON lines that each row is appended to at once.
+    """
+    waiting, rows, earlier = list(faults), [], defaultdict(list)
+    for n_graphs in itertools.count():
+        if not waiting:
+            return rows
+        graph_folder = folder / f"graph_{n_graphs + 1}"
+        done = _run_graph(waiting, earlier, graph_folder, domains[n_graphs % len(domains)], results)
+        rows += done
+        if not keep and not any(row.violations for row in done):
+            shutil.rmtree(graph_folder, ignore_errors=True)
+
+
+def _run_graph(
+    waiting: list[Fault], earlier: dict[int, list[str]], folder: Path, domain: int, results: Path
+) -> list[Row]:
+    """Inject waiting faults until the run ends, and take them off the list; note what a stall spoiled."""
+    small_disk = any(fault.kind == "disk_full" for fault in waiting)
+    rows = []
+    try:
+        setup = SETUPS[waiting[0].setup]
+        with FaultGraph(setup, folder, domain, 3 * len(waiting) + 5, small_disk) as graph:
+            injection = Injection(graph)
+            while waiting and not graph.ended():
+                fault = waiting[0]
+                row = injection.inject(fault)
+                row.earlier = list(earlier[fault.index])
+                disturbed = row.stall_s > STALL_S or not row.trial
+                if disturbed and row.violations and len(row.earlier) < TRIES - 1:
+                    earlier[fault.index].append(f"{'; '.join(row.violations)} (stall of {row.stall_s} s)")
+                    continue
+                rows.append(row)
+                with results.open("a", encoding="utf-8") as file:  # one write: others append as well
+                    file.write(row.as_json() + "\n")
+                waiting.pop(0)
+    except DiskUnavailableError as error:
+        # Not stored: a campaign that is gone on with where it is permitted injects them.
+        full = [fault for fault in waiting if fault.kind == "disk_full"]
+        rows += [Row(fault, skipped=f"no small disk can be mounted here: {error}") for fault in full]
+        waiting[:] = [fault for fault in waiting if fault.kind != "disk_full"]
+    return rows
 
 
 def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
@@ -124,63 +168,3 @@ def line(row: Row) -> str:
         f"{fault.index:4d}  {fault.kind:24s} {fault.setup:9s} {fault.offset_s:5.2f} s  {row.outcome:10s} "
         f"{reaction:>7s} {row.stopped:5s} {row.wall_s:5.1f} s  {verdict}  [{row.message}]"
     )
-
-
-def main() -> None:
-    """Run the campaign, print its table, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--faults", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2, help="graphs side by side; each takes about one core")
-    parser.add_argument("--only", nargs="+", choices=sorted(KINDS), default=[], metavar="KIND")
-    parser.add_argument("--setup", nargs="+", choices=sorted(SETUPS), default=[])
-    parser.add_argument("--domain", type=int, default=20, help="first ROS domain; 20 for each job are used")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/tel_faults"), help="for runs and results")
-    parser.add_argument(
-        "--again",
-        nargs="+",
-        type=int,
-        default=[],
-        metavar="INDEX",
-        help="inject these again; what was found before stays on the page",
-    )
-    parser.add_argument("--stored", action="store_true", help="inject nothing; tell what is stored")
-    parser.add_argument(
-        "--keep", action="store_true", help="keep the runs of faults without a violation, too"
-    )
-    parser.add_argument(
-        "--page", type=Path, help="where to write the page; none if --only or --setup is given"
-    )
-    options = parser.parse_args()
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    faults = plan(options.faults, options.seed, options.only, options.setup)
-    work = options.work / f"seed_{options.seed}"
-    work.mkdir(parents=True, exist_ok=True)
-    results = work / "results.jsonl"
-    if options.again and results.exists():
-        set_aside(results, options.again)
-    rows = stored(results, faults)
-    done = {row.fault.index for row in rows}
-    started = time.monotonic()
-    runs = work / f"runs_{time.strftime('%Y%m%d-%H%M%S')}"
-    left = [fault for fault in faults if fault.index not in done and not options.stored]
-    for row in campaign(left, options.jobs, options.domain, runs, options.keep, results):
-        rows.append(row)
-        print(line(row), flush=True)
-    rows = stored(results, faults) + [row for row in rows if row.skipped]
-    rows.sort(key=lambda row: row.fault.index)
-    print(table(rows))
-    print(f"{len(left)} faults in {(time.monotonic() - started) / 60.0:.1f} min; results: {results}")
-    if options.page or not (options.only or options.setup):
-        command = (
-            f"benchmarks/faults.py --faults {options.faults} --seed {options.seed} --jobs {options.jobs}"
-        )
-        for option in ("only", "setup"):
-            names = getattr(options, option)
-            command += f" --{option} {' '.join(names)}" if names else ""
-        write_page(rows, options.page or ROOT / "docs" / "faults.md", command, len(faults))
-    sys.exit(1 if any(row.violations for row in rows) else 0)
-
-
-if __name__ == "__main__":
-    main()

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
-
-from fault_body import Body  # noqa: E402
-from fault_judge import (  # noqa: E402
+from fault_body import Body
+from fault_judge import (
     Control,
     Episode,
     JointLimits,
@@ -24,7 +18,7 @@ from fault_judge import (  # noqa: E402
     largest_work_from,
 )
 
-from tel_ros.core.trial import Phase  # noqa: E402
+from tel_ros.core.trial import Phase
 
 PERIOD_S = 0.004
 N = 500
