@@ -6,6 +6,7 @@ It uses ``tel_ros`` and ``sim_bridge``; neither imports it.
 ENTRY_POINTS = {
     "tel_ros.commands": {
         "compare": "tel_lab.comparison.compare_command:compare",
+        "study": "tel_lab.study:study_command",
         "sweep": "tel_lab.sweep.sweep_command:sweep",
     },
     "tel_ros.report": {"theory": "tel_lab.theory.run_theory:run_theory"},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from tel_lab.comparison.feedforward import Feedforward
 from tel_lab.comparison.method import Method
 from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
 from tel_lab.comparison.results import MethodRun, TrialResult
-from tel_lab.worker_pool import worker_pool
+from tel_lab.workers import Failure, Workforce
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import ConfigError, TelError, TrainingError
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
@@ -99,32 +99,23 @@ def compare(
         InputFileError: the configuration cannot be read.
         RunFailedError: a run broke down.
     """
-    for key, value in (("--seeds", n_seeds), ("--jobs", jobs)):
-        if value < 1:
-            raise ConfigError(key, value, "a whole number of at least 1")
+    workforce = Workforce(jobs)
+    if n_seeds < 1:
+        raise ConfigError("--seeds", n_seeds, "a whole number of at least 1")
     specs = tuple(chosen(methods))
     for spec in specs:
         method_config(task, spec, 1)  # before any work begins
     items = [(spec.name, seed) for seed in range(1, n_seeds + 1) for spec in specs]
     started, done = time.monotonic(), {}
-    with worker_pool(jobs) as pool:
-        futures = [pool.submit(_run_or_complaint, task, name, seed) for name, seed in items]
-        for future in as_completed(futures):
-            run = future.result()
-            if isinstance(run, str):
-                raise RunFailedError(run)
-            done[run.method, run.seed] = run
+    tasks = {(name, seed): (task, name, seed) for name, seed in items}
+    with closing(workforce.run(run_method, tasks)) as results:
+        for (name, seed), run in results:
+            if isinstance(run, Failure):
+                raise RunFailedError(f"{name} on arm {seed}: {run.message}")
+            done[name, seed] = run
             on_run(run, len(done), len(items))
     runs = {s.name: tuple(done[s.name, seed] for seed in range(1, n_seeds + 1)) for s in specs}
     return Comparison(specs, runs, time.monotonic() - started)
-
-
-def _run_or_complaint(task: Task, name: str, seed: int) -> MethodRun | str:
-    # As text, because errors with arguments of their own do not come through between processes.
-    try:
-        return run_method(task, name, seed)
-    except TelError as error:
-        return f"{name} on arm {seed}: {error}"
 
 
 def method_config(task: Task, spec: MethodSpec, seed: int) -> Config:

@@ -2,62 +2,100 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from tel_lab.sweep.sweep_folder import Row, SweepFolder
-from tel_lab.sweep.sweep_plan import SweepPlan, SweepPoint, hash_of, lay_out
-from tel_lab.sweep.sweep_workers import Executor, choose, on_processes, on_ray
+from tel_lab.sweep.plan import SweepPlan, SweepPoint, hash_of, lay_out
+from tel_lab.sweep.point import FAILED, MEASURES, failure, run_point
+from tel_lab.workers import Failure, Workforce
 from tel_ros import __version__
-from tel_ros.core.config import Config
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.run_folder import write_atomically
 
 SWEEP_FILE = "sweep.yaml"
+TABLE_CSV, TABLE_PARQUET = "table.csv", "table.parquet"
 
+Row = dict[str, Any]
 Progress = Callable[[int, int], None]
 """Is told how many points are done, and of how many."""
 
 
-@dataclass(frozen=True)
-class Workforce:
-    """Who computes.
+class SweepFolder:
+    """Results by the hash of their configuration; a result that is there is whole.
 
     Args:
-        executor: ``auto``: Ray where it is installed, else processes.
-        jobs: how many points at once on this machine; None: one for each core that this process may use.
-        address: of a Ray cluster, if it is not to be this machine.
+        path: the folder; is made if it does not exist.
 
     Raises:
-        ConfigError: the values do not go together, or Ray is needed and not installed.
+        InputFileError: it is no folder, or must not be written to.
     """
 
-    executor: Executor = "auto"
-    jobs: int | None = None
-    address: str | None = None
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._points = path / "points"
+        try:
+            self._points.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputFileError(path, f"not usable ({error.strerror})", "a folder (option --out)") from None
 
-    def __post_init__(self) -> None:
-        if self.jobs is not None and self.jobs < 1:
-            raise ConfigError("--jobs", self.jobs, "a whole number of at least 1")
-        if self.jobs is not None and self.address is not None:
-            raise ConfigError("--jobs", self.jobs, "no --jobs with --address: a cluster has its own cores")
-        choose(self.executor, self.address)
+    def result(self, key: str) -> Row | None:
+        """Return the result of a point; None if there is none that can be read and has all measures."""
+        try:
+            result = json.loads((self._points / f"{key}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return result if isinstance(result, dict) and set(MEASURES) <= set(result) else None
 
-    @property
-    def n_jobs(self) -> int:
-        """How many points at once on this machine."""
-        return self.jobs or len(os.sched_getaffinity(0))
+    def is_done(self, key: str) -> bool:
+        """Return whether a point need not run: it has a result, and did not fail before its first trial.
 
-    @property
-    def name(self) -> str:
-        """Who computes, for people."""
-        if choose(self.executor, self.address) == "processes":
-            return f"{self.n_jobs} processes"
-        return f"Ray at {self.address}" if self.address else f"Ray on {self.n_jobs} cores"
+        What fails before the first trial may have failed because of the machine; what fails later would
+        fail again.
+        """
+        result = self.result(key)
+        return result is not None and (result["outcome"] != FAILED or result["trials"] is not None)
+
+    def keep(self, key: str, result: Mapping[str, Any]) -> None:
+        """Write the result of a point; it survives whatever happens to the sweep."""
+        write_atomically(self._points / f"{key}.json", json.dumps(result, allow_nan=False) + "\n")
+
+    def write_table(self, rows: Sequence[Row]) -> list[Path]:
+        """Write the table as CSV, and as Parquet where pyarrow is installed; return the files."""
+        flat = [{key: _cell(value) for key, value in row.items()} for row in rows]
+        text = io.StringIO()
+        if flat:
+            writer = csv.DictWriter(text, list(flat[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(flat)
+        write_atomically(self.path / TABLE_CSV, text.getvalue())
+        files = [self.path / TABLE_CSV]
+        if flat and _write_parquet(self.path / TABLE_PARQUET, flat):
+            files.append(self.path / TABLE_PARQUET)
+        return files
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as one cell can hold it: lists, as of values for each joint, become text."""
+    return json.dumps(value) if isinstance(value, list | dict) else value
+
+
+def _write_parquet(path: Path, rows: list[Row]) -> bool:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:  # optional: there is the CSV
+        return False
+    beside = path.with_name(f".{path.name}.tmp")
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), beside)
+    beside.replace(path)
+    return True
 
 
 class Sweep:
@@ -80,7 +118,9 @@ class Sweep:
             if point.config is not None and point.config.run.arm != "sim":
                 raise ConfigError("run.arm", point.config.run.arm, "'sim': a sweep is of simulated arms")
         self.folder = SweepFolder(out or default_folder(config_file, self.points))
-        write_atomically(self.folder.path / SWEEP_FILE, _described(config_file, plan))
+        asked = {"tel_ros": __version__, "config": config_file.name, **plan.plain()}
+        text = yaml.safe_dump(asked, sort_keys=False, allow_unicode=True)
+        write_atomically(self.folder.path / SWEEP_FILE, text)
 
     @property
     def n_done(self) -> int:
@@ -91,10 +131,10 @@ class Sweep:
         """Compute the points that have no result yet or have failed, and keep each result as it comes.
 
         Raises:
-            SweepBrokenError: the workers broke down; what was finished is kept.
+            WorkersBrokenError: the workers broke down; what was finished is kept.
         """
-        todo: dict[str, Config] = {
-            point.key: point.config
+        todo = {
+            point.key: (point.config,)
             for point in self.points
             if point.config is not None and not self.folder.is_done(point.key)
         }
@@ -103,37 +143,23 @@ class Sweep:
         progress(done, total)
         if not todo:
             return
-        if choose(workforce.executor, workforce.address) == "ray":
-            jobs = None if workforce.address else workforce.n_jobs
-            results = on_ray(todo, jobs, workforce.address)
-        else:
-            results = on_processes(todo, workforce.n_jobs)
-        try:
+        with closing(workforce.run(run_point, todo)) as results:  # ends the workers at once, also on Ctrl-C
             for key, result in results:
-                self.folder.keep(key, result)
+                self.folder.keep(key, failure(result.message) if isinstance(result, Failure) else result)
                 done += 1
                 progress(done, total)
-        finally:
-            results.close()  # ends the workers at once, also on Ctrl-C
 
     def rows(self) -> list[Row]:
         """Return the table: a row for each point that has a result, in the order of the plan."""
-        return self.folder.rows(self.points)
+        rows = []
+        for point in self.points:
+            result = self.folder.result(point.key) if point.config else failure(point.problem)
+            if result is not None:
+                measures = {name: result[name] for name in MEASURES}
+                rows.append({**point.labels, **measures, "config_hash": point.key})
+        return rows
 
 
 def default_folder(config_file: Path, points: Sequence[SweepPoint]) -> Path:
     """Return where the results of these points go if nobody says where."""
     return Path("bags") / f"sweep-{config_file.stem}-{hash_of([point.key for point in points])[:8]}"
-
-
-def _described(config_file: Path, plan: SweepPlan) -> str:
-    """Return as YAML what was asked for, to read later."""
-    asked = {
-        "tel_ros": __version__,
-        "config": config_file.name,
-        "overrides": list(plan.overrides),
-        "cases": {name: list(changes) for name, changes in plan.cases.items()},
-        "grid": {key: list(values) for key, values in plan.grid.items()},
-        "seeds": plan.seeds,
-    }
-    return str(yaml.safe_dump(asked, sort_keys=False, allow_unicode=True))

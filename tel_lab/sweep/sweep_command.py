@@ -11,15 +11,14 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tel_lab.sweep.sweep_plan import MapPlan, SweepFile, make_plan, read_sweep_file
+from tel_lab.sweep.plan import MapPlan, SweepFile, make_plan, read_sweep_file
 from tel_ros.app.config_argument import config_argument
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import TelError
 
 if TYPE_CHECKING:
-    from tel_lab.sweep.sweep import Sweep, Workforce
-    from tel_lab.sweep.sweep_folder import Row
-    from tel_lab.sweep.sweep_workers import Executor
+    from tel_lab.sweep.sweep import Row, Sweep
+    from tel_lab.workers import Executor, Workforce
 
 
 @click.command()
@@ -78,16 +77,16 @@ def sweep(
     down, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
     # Late: other commands do without the learners, which take seconds to load.
-    from tel_lab.sweep.sweep import Sweep, Workforce
-    from tel_lab.sweep.sweep_point import FAILED
-    from tel_lab.sweep.sweep_workers import SweepBrokenError
+    from tel_lab.sweep.point import FAILED
+    from tel_lab.sweep.sweep import Sweep
+    from tel_lab.workers import WorkersBrokenError, Workforce
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
         file = read_sweep_file(plan_file) if plan_file else SweepFile()
         plan = make_plan(file, overrides, grid, seeds)
-        workforce = Workforce(executor, jobs, address)
+        workforce = Workforce(jobs, executor, address)
         work = Sweep(config_file, plan, out)
     except TelError as error:
         end(str(error), EXIT_BAD_INPUT)
@@ -100,9 +99,9 @@ def sweep(
             f"the same command goes on ({work.folder.path})",
             EXIT_INTERRUPTED,
         )
-    except SweepBrokenError as error:
+    except WorkersBrokenError as error:
         work.folder.write_table(work.rows())
-        end(str(error), EXIT_GRAPH_FAILED)
+        end(f"{error}; the same command goes on", EXIT_GRAPH_FAILED)
     rows = work.rows()
     files = work.folder.write_table(rows)
     if plan.map is not None and rows:
@@ -128,7 +127,7 @@ def _run(work: Sweep, workforce: Workforce) -> None:
         transient=True,
         disable=not console.is_terminal,
     )
-    task = bar.add_task(f"points on {workforce.name}")
+    task = bar.add_task(f"points on {workforce}")
 
     def show(done: int, total: int) -> None:
         bar.update(task, completed=done, total=total)
@@ -140,6 +139,6 @@ def _run(work: Sweep, workforce: Workforce) -> None:
 
 
 def _draw(plan: MapPlan, rows: list[Row], folder: Path) -> list[Path]:
-    from tel_lab.sweep.sweep_map import write_map  # late: plotting takes a second to import
+    from tel_lab.sweep.verdict_map import write_map  # late: plotting takes a second to import
 
     return write_map(rows, plan, folder / "map")

@@ -17,10 +17,10 @@ import psutil
 import pytest
 from click.testing import CliRunner, Result
 
+from tel_lab.sweep.point import MEASURES, failure, run_point
+from tel_lab.sweep.sweep import SweepFolder
 from tel_lab.sweep.sweep_command import sweep
-from tel_lab.sweep.sweep_folder import SweepFolder
-from tel_lab.sweep.sweep_point import MEASURES, failure, run_point
-from tel_lab.sweep.sweep_workers import choose, has_ray, on_processes
+from tel_lab.workers import Workforce, has_ray
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.decisions import PlannedTrial
 from tel_ros.recording.config_file import load_config
@@ -173,9 +173,9 @@ def test_a_run_that_breaks_off_keeps_what_its_trials_gave(monkeypatch: pytest.Mo
 
 
 def test_a_fault_in_one_point_becomes_its_result() -> None:
-    ((key, result),) = on_processes({"a": None}, 1)  # type: ignore[dict-item]
-    assert (key, result["outcome"]) == ("a", "failed")
-    assert "AttributeError" in result["message"]
+    ((key, result),) = Workforce(1).run(run_point, {"a": (None,)})
+    assert (key, result.expected) == ("a", False)
+    assert "AttributeError" in result.message
 
 
 def test_points_that_failed_at_once_and_damaged_files_are_computed_again(tmp_path: Path) -> None:
@@ -208,11 +208,11 @@ def test_the_table_is_the_same_as_csv_and_parquet(tmp_path: Path) -> None:
 
 
 def test_without_ray_processes_compute_and_an_address_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tel_lab.sweep.sweep_workers.has_ray", lambda: False)
-    assert choose("auto", None) == "processes"
+    monkeypatch.setattr("tel_lab.workers.has_ray", lambda: False)
+    assert not Workforce(executor="auto").with_ray
     for executor, address in (("auto", "ray://head:10001"), ("ray", None)):
         with pytest.raises(ConfigError, match=r"tel_ros\[sweep\]"):
-            choose(executor, address)
+            Workforce(executor=executor, address=address)
 
 
 def ray_processes(driver: int) -> list[psutil.Process]:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tel_lab.sweep.sweep_map import Verdict, map_figure, verdict, write_map
-from tel_lab.sweep.sweep_plan import MapPlan
-from tel_lab.sweep.sweep_point import failure
+from tel_lab.sweep.plan import MapPlan
+from tel_lab.sweep.point import failure
+from tel_lab.sweep.verdict_map import Verdict, map_figure, verdict, write_map
 
 PLAN = MapPlan(x="sim.inertia_scale", y="practice.goal_duration_s", tolerance_rad=0.02)
 GOOD = {

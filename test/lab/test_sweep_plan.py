@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tel_lab.sweep.sweep_plan import (
+from tel_lab.sweep.plan import (
     MapPlan,
     SweepPlan,
     config_hash,

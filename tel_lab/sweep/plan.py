@@ -102,6 +102,15 @@ class SweepPlan:
                 key = min(twice)
                 raise ConfigError(key, name, "a key that is in the grid or in cases, not in both", "cases")
 
+    def plain(self) -> dict[str, Any]:
+        """Return what was asked for, to be read later."""
+        return {
+            "overrides": list(self.overrides),
+            "cases": {name: list(changes) for name, changes in self.cases.items()},
+            "grid": {key: list(values) for key, values in self.grid.items()},
+            "seeds": self.seeds,
+        }
+
 
 @dataclass(frozen=True)
 class SweepPoint:

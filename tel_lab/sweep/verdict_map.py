@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from tel_lab.sweep.sweep_plan import MapPlan
-from tel_lab.sweep.sweep_point import FAILED, MEASURES
+from tel_lab.sweep.plan import MapPlan
+from tel_lab.sweep.point import FAILED, MEASURES
 from tel_ros.app.figure_export import INK, PAPER, SOFT, figure_style, save_figure
 from tel_ros.app.figures import WIDTH_IN
 

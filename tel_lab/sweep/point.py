@@ -12,7 +12,6 @@ import numpy as np
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.core.learning.inputs import stack_inputs
-from tel_ros.core.learning.one_thread import on_one_thread
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.trajectories.sampling import sample
@@ -82,7 +81,6 @@ def failure(message: str) -> dict[str, Any]:
     return {**dict.fromkeys(MEASURES), "outcome": FAILED, "message": message}
 
 
-@on_one_thread  # there is a worker for each core
 def _practised(config: Config) -> dict[str, Any]:
     effort_ratio = _goal_effort_ratio(config)
     done: list[PractisedTrial] = []

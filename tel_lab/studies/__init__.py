@@ -1,0 +1,1 @@
+"""The studies behind pages of docs: a module and a command each."""

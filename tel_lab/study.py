@@ -1,0 +1,216 @@
+"""Studies: commands with the same options that compute side by side and write a page with its figures.
+
+A study is a function in a module of the same name in ``tel_lab/studies``::
+
+    @study(seeds=200)
+    def random_practice(options: StudyOptions) -> None:
+        '''Practise on random arms along random paths.'''
+
+It runs as ``tel study random_practice`` or ``python -m tel_lab random_practice``.
+"""
+
+from __future__ import annotations
+
+import functools
+import pkgutil
+import shlex
+import signal
+import sys
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+from click.core import ParameterSource
+
+from tel_lab import studies
+from tel_lab.workers import Failure, Workforce
+from tel_ros.app.command_group import LazyGroup
+from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
+from tel_ros.core.errors import TelError
+from tel_ros.recording.run_folder import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+K = TypeVar("K", bound=Hashable)
+R = TypeVar("R")
+
+ROOT = Path(__file__).parents[1]
+"""Of the checkout."""
+DOCS = ROOT / "docs"
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """What every study is asked for.
+
+    Args:
+        seeds: how many, from 1; 0 for studies in which nothing is random.
+        jobs: tasks at once.
+        quick: whether less is computed, to see that it works.
+        only: the seeds or cases to look at; empty: all of them.
+        overrides: other values for keys of the configurations, as for ``--set``.
+        out: folder of page and figures; None: print only.
+        command: what was asked for, for the page.
+    """
+
+    seeds: int = 0
+    jobs: int = 1
+    quick: bool = False
+    only: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    out: Path | None = None
+    command: str = ""
+
+    def selected(self, names: Sequence[str]) -> list[str]:
+        """Return the cases that were asked for, in their order.
+
+        Raises:
+            UsageError: ``--only`` names another one.
+        """
+        unknown = [name for name in self.only if name not in names]
+        if unknown:
+            raise click.UsageError(f"--only is {unknown[0]!r}; expected some of: {', '.join(names)}")
+        return [name for name in names if not self.only or name in self.only]
+
+    def run(
+        self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]
+    ) -> Iterator[tuple[K, R | Failure]]:
+        """Call a function with the arguments of each task, ``jobs`` at a time; yield results in their order.
+
+        Progress goes to stderr. An error that is not one of this project ends the study.
+
+        Raises:
+            TelError: a task failed unexpectedly; it is named.
+        """
+        done: dict[K, R | Failure] = {}
+        waiting = list(tasks)
+        with closing(Workforce(self.jobs).run(function, tasks)) as results:
+            for key, result in results:
+                done[key] = result
+                print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
+                if isinstance(result, Failure) and not result.expected:
+                    raise TelError(f"{key}: {result.message}")
+                while waiting and waiting[0] in done:
+                    yield waiting[0], done[waiting.pop(0)]
+
+    def results(self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]) -> dict[K, R]:
+        """Return the results of all tasks.
+
+        Raises:
+            TelError: a task failed; it is named.
+        """
+        found: dict[K, R] = {}
+        for key, result in self.run(function, tasks):
+            if isinstance(result, Failure):
+                raise TelError(f"{key}: {result.message}")
+            found[key] = result
+        return found
+
+    def write(self, page: str, text: str, figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
+        """Write a page, and its figures into ``figures/`` beside it; nothing without ``--out``.
+
+        Args:
+            page: name of the file.
+            text: Markdown.
+            figures: name of each file, with its ending, and what draws it.
+        """
+        if self.out is None:
+            return
+        for name, draw in (figures or {}).items():
+            write_figure(draw, self.out / "figures" / name)
+        self.out.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.out / page, text.rstrip("\n") + "\n")
+        print(f"written to {self.out / page}", file=sys.stderr)
+
+
+def write_figure(draw: Callable[[], Figure], *files: Path) -> None:
+    """Draw a figure in the common style and write it into files, by their endings."""
+    from tel_ros.app.figure_export import figure_style, save_figure  # late: plotting takes a second to import
+
+    with figure_style(files[0].stem):
+        figure = draw()
+        for file in files:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            save_figure(figure, file)
+
+
+def study(*, seeds: int = 0) -> Callable[[Callable[..., None]], click.Command]:
+    """Return a decorator that makes a command with the options of studies; further click options may follow.
+
+    Args:
+        seeds: the usual number; 0: the study has none.
+    """
+
+    def decorate(function: Callable[..., None]) -> click.Command:
+        @functools.wraps(function)
+        def command(*, out: Path | None, quick: bool, **values: Any) -> None:
+            named = {name: values.pop(name) for name in ("jobs", "only", "overrides")}
+            options = StudyOptions(
+                seeds=values.pop("seeds", 0),
+                quick=quick,
+                out=out or (None if quick or named["only"] or not DOCS.is_dir() else DOCS),
+                command=_asked(),
+                **named,
+            )
+            try:
+                function(options, **values)
+            except TelError as error:
+                end(str(error), EXIT_NOT_COMPLETED)
+            except KeyboardInterrupt:
+                end("interrupted", EXIT_INTERRUPTED)
+
+        decorators = [
+            click.command(function.__name__),
+            click.option("--jobs", default=1, show_default=True, help="Tasks at a time."),
+            click.option("--quick", is_flag=True, help="Compute less, to see that it works; print only."),
+            click.option("--only", metavar="NAME", multiple=True, help="Only this seed or case; print only."),
+            click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key."),
+            click.option(
+                "--out",
+                type=click.Path(path_type=Path, file_okay=False),
+                help="Folder of the page and figures. Default: docs, or none with --quick and --only.",
+            ),
+        ]
+        if seeds:
+            decorators.append(
+                click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")
+            )
+        made: Any = command
+        for add in reversed(decorators):
+            made = add(made)
+        finished: click.Command = made
+        return finished
+
+    return decorate
+
+
+def _asked() -> str:
+    """Return the command that makes the page, without what decides only where it goes and how fast."""
+    context, words = click.get_current_context(), []
+    for option in context.command.params:
+        if option.name in ("jobs", "out", "quick") or option.name is None:
+            continue
+        value, source = context.params[option.name], context.get_parameter_source(option.name)
+        if option.name == "seeds" or source == ParameterSource.COMMANDLINE:
+            for item in value if isinstance(value, tuple) else (value,):
+                words.append(f" {option.opts[0]} {shlex.quote(str(item))}")
+    return f"tel study {context.command.name}{''.join(words)}"
+
+
+def _places() -> dict[str, str]:
+    return {
+        module.name: f"{studies.__name__}.{module.name}:{module.name}"
+        for module in pkgutil.iter_modules(studies.__path__)
+    }
+
+
+@click.group("study", cls=LazyGroup, places=_places, context_settings={"help_option_names": ["-h", "--help"]})
+def study_command() -> None:
+    """Make the tables and figures of the pages in docs."""
+    # SIGINT as well: where a script has started this in the background, it would be ignored.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)

@@ -1,0 +1,115 @@
+"""Tables: columns are declared once, and written for a terminal, as Markdown and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from rich import box
+from rich.table import Table as TerminalTable
+from rich.text import Text
+
+Row = TypeVar("Row")
+
+NONE = "–"
+
+
+@dataclass(frozen=True)
+class Column(Generic[Row]):
+    """A column of a table.
+
+    Args:
+        heading: with the unit.
+        value: of a row.
+        form: a format specification (".2f"), or what turns a value into text. None and NaN become a dash.
+        left: whether it holds words: left-aligned.
+        key: its name in CSV; empty: the heading.
+    """
+
+    heading: str
+    value: Callable[[Row], Any]
+    form: str | Callable[[Any], str] = ""
+    left: bool = False
+    key: str = ""
+
+    def text(self, row: Row) -> str:
+        """Return the cell of a row, for people."""
+        value = self.value(row)
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return NONE
+        return self.form(value) if callable(self.form) else format(value, self.form)
+
+
+@dataclass(frozen=True)
+class Table(Generic[Row]):
+    """Rows below columns.
+
+    Args:
+        columns: what is shown of a row.
+        rows: in order.
+        title: for the terminal.
+    """
+
+    columns: Sequence[Column[Row]]
+    rows: Sequence[Row] = field(default_factory=list)
+    title: str = ""
+
+    @property
+    def headings(self) -> list[str]:
+        """The first line."""
+        return [column.heading for column in self.columns]
+
+    def cells(self) -> list[list[str]]:
+        """Return the texts of all rows."""
+        return [[column.text(row) for column in self.columns] for row in self.rows]
+
+    def markdown(self) -> str:
+        """Return the table for a page; columns line up as text, too."""
+        lines = [[text.replace("|", r"\|") for text in line] for line in (self.headings, *self.cells())]
+        widths = [max(3, *(len(line[j]) for line in lines)) for j in range(len(self.columns))]
+        last = len(widths) - 1
+
+        def padded(line: Sequence[str]) -> str:
+            cells = [
+                (text if j == last else text.ljust(width)) if column.left else text.rjust(width)
+                for j, (text, width, column) in enumerate(zip(line, widths, self.columns, strict=True))
+            ]
+            return f"| {' | '.join(cells)} |"
+
+        rule = [
+            "-" * (3 if c.left and j == last else w) if c.left else "-" * (w - 1) + ":"
+            for j, (w, c) in enumerate(zip(widths, self.columns, strict=True))
+        ]
+        return "\n".join([padded(lines[0]), f"| {' | '.join(rule)} |", *map(padded, lines[1:])])
+
+    def terminal(self) -> TerminalTable:
+        """Return the table for a terminal (rich)."""
+        table = TerminalTable(title=self.title or None, title_justify="left", box=box.SIMPLE_HEAD)
+        for column in self.columns:
+            table.add_column(Text(column.heading), justify="left" if column.left else "right")
+        for line in self.cells():
+            table.add_row(*map(Text, line))
+        return table
+
+    def csv(self) -> str:
+        """Return the values as CSV: numbers in full, empty where there is none."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column.key or column.heading for column in self.columns])
+        for row in self.rows:
+            values = [column.value(row) for column in self.columns]
+            writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in values])
+        return text.getvalue()
+
+
+def of_texts(headings: Sequence[str], lines: Iterable[Sequence[str]], n_words: int = 1) -> Table[Any]:
+    """Return a table of texts that are there already; the first ``n_words`` columns are left-aligned."""
+
+    def column(j: int, heading: str) -> Column[Sequence[str]]:
+        return Column(heading, lambda line: line[j], left=j < n_words)
+
+    return Table([column(j, heading) for j, heading in enumerate(headings)], list(lines))

@@ -1,0 +1,205 @@
+"""Tasks side by side: on processes of this machine, or with Ray, here or on a cluster.
+
+Results come as they are ready. However the caller ends, even if it is killed, its workers end as well.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import multiprocessing
+import os
+import secrets
+import signal
+import threading
+from collections.abc import Callable, Generator, Hashable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any, Literal, TypeVar
+
+from tel_ros.core.errors import ConfigError, TelError
+
+Executor = Literal["auto", "ray", "processes"]
+K = TypeVar("K", bound=Hashable)
+R = TypeVar("R")
+
+_RAY_STORE_BYTES = 80 * 2**20
+"""Results are a few numbers: about the smallest store that Ray accepts."""
+
+
+class WorkersBrokenError(TelError):
+    """The workers broke down; tasks that were finished before have given their results."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a task gives that raised.
+
+    Args:
+        message: of an error of this project; of any other also its type.
+        expected: whether it was an error of this project.
+    """
+
+    message: str
+    expected: bool = False
+
+
+@dataclass(frozen=True)
+class Workforce:
+    """Who computes.
+
+    Args:
+        jobs: tasks at once on this machine; None: one for each core that this process may use.
+        executor: ``auto``: Ray where it is installed, else processes.
+        address: of a Ray cluster to use instead of this machine.
+
+    Raises:
+        ConfigError: the values do not go together, or Ray is needed and not installed.
+    """
+
+    jobs: int | None = None
+    executor: Executor = "processes"
+    address: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None and self.jobs < 1:
+            raise ConfigError("--jobs", self.jobs, "a whole number of at least 1")
+        if self.jobs is not None and self.address is not None:
+            raise ConfigError("--jobs", self.jobs, "no --jobs with --address: a cluster has its own cores")
+        _ = self.with_ray
+
+    @property
+    def n_jobs(self) -> int:
+        """Tasks at once on this machine."""
+        return self.jobs or len(os.sched_getaffinity(0))
+
+    @property
+    def with_ray(self) -> bool:
+        """Whether Ray computes."""
+        if self.address is not None and self.executor == "processes":
+            raise ConfigError("--address", self.address, "no address with --executor processes")
+        if self.executor == "processes" or (
+            self.executor == "auto" and self.address is None and not has_ray()
+        ):
+            return False
+        if not has_ray():
+            option = ("--executor", self.executor) if self.address is None else ("--address", self.address)
+            raise ConfigError(*option, "Ray to be installed: pip install 'tel_ros[sweep]'")
+        return True
+
+    def __str__(self) -> str:
+        if not self.with_ray:
+            return f"{self.n_jobs} processes"
+        return f"Ray at {self.address}" if self.address else f"Ray on {self.n_jobs} cores"
+
+    def run(
+        self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]
+    ) -> Generator[tuple[K, R | Failure], None, None]:
+        """Call a function with each task's arguments; yield (key, result or failure) in order of completion.
+
+        Close the generator to end the workers at once. Linear algebra runs on one thread: there is a worker
+        for each core, and results do not depend on the number of cores.
+
+        Raises:
+            WorkersBrokenError: a worker process was killed, Ray does not start, or the cluster is gone.
+        """
+        if self.with_ray:
+            yield from _on_ray(function, tasks, None if self.address else self.n_jobs, self.address)
+        else:
+            yield from _on_processes(function, tasks, self.n_jobs)
+
+
+def has_ray() -> bool:
+    """Return whether Ray is installed."""
+    return importlib.util.find_spec("ray") is not None
+
+
+def _call(function: Callable[..., R], arguments: tuple[Any, ...]) -> R | Failure:
+    from tel_ros.core.learning.one_thread import on_one_thread  # loads the linear algebra
+
+    try:
+        return on_one_thread(function)(*arguments)
+    except TelError as error:  # as text: errors with arguments of their own cannot be pickled
+        return Failure(str(error), expected=True)
+    except Exception as error:  # a fault in one task must not cost the others
+        return Failure(f"{type(error).__name__}: {error}")
+
+
+def _on_processes(
+    function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]], jobs: int
+) -> Generator[tuple[K, R | Failure], None, None]:
+    # Not by fork: what the parent has loaded may have threads, and these do not survive it.
+    context = multiprocessing.get_context("spawn")
+    # The other end closes when this process ends, by whatever: then workers end, in the middle of their work.
+    watched, held = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(jobs, context, initializer=_end_with, initargs=(watched,))
+    try:
+        futures = {pool.submit(_call, function, arguments): key for key, arguments in tasks.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BrokenProcessPool:
+        raise WorkersBrokenError("a worker process was killed (out of memory? try fewer --jobs)") from None
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        held.close()
+        pool.shutdown(wait=True)
+        watched.close()
+
+
+def _end_with(watched: Connection) -> None:
+    """Let this worker end when its parent does; Ctrl-C on the terminal is the parent's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        wait([watched])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _on_ray(
+    function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]], jobs: int | None, address: str | None
+) -> Generator[tuple[K, R | Failure], None, None]:
+    ray = _start_ray(jobs, address)
+    # A worker that dies takes its task with it: that is tried elsewhere once.
+    remote = ray.remote(num_cpus=1, max_retries=1)(_call).remote
+    waiting: dict[Any, K] = {}
+    try:
+        waiting.update((remote(function, arguments), key) for key, arguments in tasks.items())
+        while waiting:
+            ready, _ = ray.wait(list(waiting), num_returns=1)
+            for reference in ready:
+                try:
+                    result = ray.get(reference)
+                except ray.exceptions.RayTaskError as error:
+                    result = Failure(f"{type(error.cause).__name__}: {error.cause}")
+                except ray.exceptions.WorkerCrashedError:
+                    result = Failure("the worker was killed (out of memory?)")
+                yield waiting.pop(reference), result
+    except ray.exceptions.RaySystemError as error:
+        raise WorkersBrokenError(f"Ray broke down ({error})") from None
+    finally:
+        if address is not None:  # on a cluster they would go on
+            for reference in waiting:
+                ray.cancel(reference, force=True)
+        ray.shutdown()
+
+
+def _start_ray(jobs: int | None, address: str | None) -> Any:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address is None and "RAY_AUTH_MODE" not in os.environ:
+        # Ray listens on all interfaces of the machine. Nobody else knows this token.
+        os.environ["RAY_AUTH_MODE"] = "token"
+        os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)
+    import ray  # late: it is optional, and takes a second
+
+    own = {"num_cpus": jobs, "include_dashboard": False, "object_store_memory": _RAY_STORE_BYTES}
+    given: dict[str, Any] = {} if address else own
+    try:
+        ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **given)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        where = f"at {address}" if address else "on this machine"
+        raise WorkersBrokenError(f"no Ray {where}: {' '.join(str(error).split())}") from None
+    return ray
