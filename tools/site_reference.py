@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from tel_ros.core.config import Config, JointValues
 from tel_ros.core.config_docs import field_docs
+
+from tel_ros.core.config import Config, JointValues
 
 _TYPES = {
     str: "text",

@@ -14,14 +14,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from tel_ros import __version__
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, file_values
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import flat_values, load_config, read_yaml
 
 CASE = "case"
 """Name of the column that tells cases apart."""
 
-_FILE_KEYS = ("arm.urdf", "path.file", "learning.start_from")
 _NOT_HASHED = ("versions",)
 
 
@@ -240,9 +239,7 @@ def config_hash(config: Config) -> str:
         InputFileError: a file that the configuration names cannot be read.
     """
     values = {key: value for key, value in flat_values(config).items() if key not in _NOT_HASHED}
-    for key in _FILE_KEYS:
-        if values[key]:
-            values[key] = _file_hash(Path(values[key]))
+    values |= {key: _file_hash(file) for key, file in file_values(config).items()}
     return hash_of({"tel_ros": __version__, **values})
 
 

@@ -10,7 +10,7 @@ from click.shell_completion import CompletionItem
 
 from tel_ros.app.errors import EXIT_BAD_INPUT, end
 from tel_ros.core.errors import TelError
-from tel_ros.recording.shipped import shipped_configs
+from tel_ros.recording.shared_files import shipped_configs
 
 
 class ConfigFile(click.ParamType):

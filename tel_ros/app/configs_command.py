@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tel_ros.app.errors import EXIT_BAD_INPUT, end
 from tel_ros.core.errors import TelError
-from tel_ros.recording.shipped import config_folder, shipped_configs, summary_of
+from tel_ros.recording.shared_files import config_folder, shipped_configs, summary_of
 
 
 @click.command()

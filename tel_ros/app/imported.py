@@ -25,7 +25,7 @@ from tel_ros.recording.foreign.arm_description import arm_description
 from tel_ros.recording.foreign.sources import read_sources
 from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import revision, save_network
-from tel_ros.recording.urdf import urdf_file
+from tel_ros.recording.shared_files import named_file
 
 POOR_NMSE = 0.1
 _SEED = 1
@@ -180,7 +180,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
     joints = recordings[0].joints
     urdf, assumed = "", []
     if request.urdf:
-        urdf, assumed = arm_description(urdf_file(request.urdf, Path.cwd()), joints, others)
+        urdf, assumed = arm_description(named_file(request.urdf, Path.cwd()), joints, others)
     parts = [
         part
         for recording in recordings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from tel_ros.recording.shipped import config_folder
+from tel_ros.recording.shared_files import config_folder
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Where Fast DDS looks for profiles."""

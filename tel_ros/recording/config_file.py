@@ -1,6 +1,6 @@
 """Reading a practice run's YAML into records that check themselves, and writing it back.
 
-A library checks structure and types; what values make sense is checked by the records in
+Structure and types are checked here; which values make sense is declared by the records in
 :mod:`tel_ros.core.config`. Every complaint names the file or option, the key, the value and what was
 expected.
 """
@@ -11,53 +11,29 @@ import dataclasses
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
-import pydantic
 import yaml
 
-from tel_ros.core.config import Config, JointValues
+from tel_ros.core.config import Config, file_keys
+from tel_ros.core.config_fields import declared, in_words
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.shipped import config_folder
-from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_file
+from tel_ros.recording.shared_files import config_folder, named_file
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
 
 SourceOf = Callable[[str], str | None]
 """From a dotted key to the file or option that it came from."""
+Record = TypeVar("Record")
 
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
-"""Keys of the version before, which still work. Files say so with a warning, recorded runs silently."""
-
-_PYDANTIC_1 = pydantic.VERSION.startswith("1.")
-
-
-def _no_truth_value(cls: Any, value: Any) -> Any:
-    if any(isinstance(item, bool) for item in (value if isinstance(value, list | tuple) else [value])):
-        raise ValueError("a number")
-    return value
-
-
-def _model_of(record: Any) -> type[pydantic.BaseModel]:
-    """Return a model with the fields of a dataclass that refuses unknown keys, nested ones included."""
-    fields: dict[str, Any] = {}
-    hints = get_type_hints(record)
-    for field in dataclasses.fields(record):
-        hint = hints[field.name]
-        required = field.default is field.default_factory is dataclasses.MISSING
-        kind: Any = _model_of(hint) if dataclasses.is_dataclass(hint) else hint
-        if _PYDANTIC_1 and hint is int:
-            kind = pydantic.StrictInt  # its plain integers cut 2.5 down to 2
-        # Defaults are never used (see exclude_unset), but one of None would let pydantic 1 accept None.
-        fields[field.name] = (kind, ... if required else "unset")
-    config: Any = type("Config", (), {"extra": "forbid"}) if _PYDANTIC_1 else {"extra": "forbid"}
-    # pydantic takes true for 1.
-    numbers = [name for name, hint in hints.items() if hint in (int, float, JointValues)]
-    before = {"pre": True, "allow_reuse": True} if _PYDANTIC_1 else {"mode": "before"}
-    validator: Any = pydantic.validator if _PYDANTIC_1 else pydantic.field_validator
-    checks = {"no_truth_value": validator(*numbers, **before)(_no_truth_value)} if numbers else {}
-    return pydantic.create_model(record.__name__, __config__=config, __validators__=checks, **fields)
-
-
-_MODEL = _model_of(Config)
+"""Keys of the previous version, which still work. Files say so with a warning, recorded runs silently."""
+_REPLACES = {
+    "path.file": "name",
+    "path.name": "file",
+    "path.known_file": "known_name",
+    "path.known_name": "known_file",
+}
+"""Options that take the place of another key of their section."""
 
 
 def default_config_file() -> Path:
@@ -70,8 +46,8 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
 
     Args:
         path: YAML file. Its key ``arm`` is the name of an arm description (relative to the file) or the
-            description itself; ``path.file`` is relative to the file, ``arm.urdf`` to the arm description, or
-            in a package (see :func:`~tel_ros.recording.urdf.urdf_file`).
+            description itself; the files that either names are relative to it, or in a package (see
+            :func:`~tel_ros.recording.shared_files.named_file`).
         overrides: ``a.b=c`` assignments that take the place of values in the files; c is YAML.
 
     Returns:
@@ -87,11 +63,16 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
     if isinstance(raw.get("arm"), str):
         arm_path = path.parent / raw["arm"]
         raw["arm"] = read_yaml(arm_path)
-    _resolve(raw, "path", "file", path.parent)
-    _resolve(raw, "path", "known_file", path.parent)
-    _resolve(raw, "learning", "start_from", path.parent)
-    _resolve(raw, "arm", "urdf", arm_path.parent, urdf_file)
-    source_of = _overridden(raw, overrides, lambda key: str(arm_path if key.split(".")[0] == "arm" else path))
+
+    def file_of(key: str) -> Path:
+        return arm_path if key.split(".")[0] == "arm" else path
+
+    for key in file_keys():
+        section, name = key.split(".")
+        values = raw.get(section)
+        if isinstance(values, dict) and name in values:
+            values[name] = _resolved(key, values[name], file_of(key).parent)
+    source_of = _overridden(raw, overrides, lambda key: str(file_of(key)))
     for old, new in RENAMED.items():
         if _value(raw, old) is not None:
             warnings.warn(f"{source_of(old)}: {old} is called {new} now", FutureWarning, stacklevel=2)
@@ -131,14 +112,70 @@ def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) 
     Raises:
         ConfigError: a key is unknown, or a value is wrong.
     """
-    raw = _renamed(raw)
+    return read_record(Config, _renamed(raw), source_of)
+
+
+def read_record(
+    record: type[Record], raw: Any, source_of: SourceOf = lambda key: None, section: str = ""
+) -> Record:
+    """Check nested plain values against the types of a dataclass, and return them as one.
+
+    Args:
+        record: the dataclass. Its fields are text, numbers, true or false, literals, dataclasses, or tuples
+            and dictionaries of those.
+        raw: as read from YAML.
+        source_of: from a dotted key to the file or option that it came from, for messages.
+        section: in front of the keys in messages.
+
+    Raises:
+        ConfigError: a key is unknown or missing, or a value is wrong.
+    """
+    fields, prefix = declared(record), f"{section}." if section else ""
+    if not isinstance(raw, Mapping):
+        raise ConfigError(section, raw, "keys and values", source_of(section))
+    for name, value in raw.items():
+        if name not in fields:
+            key = f"{prefix}{name}"
+            raise ConfigError(key, value, f"a known key: {', '.join(fields)}", source_of(key))
+    values = {}
+    for name, field in fields.items():
+        if name in raw or field.is_required:
+            key = f"{prefix}{name}"
+            if name not in raw:
+                raise ConfigError(key, "missing", field.expected, source_of(key))
+            values[name] = _read(field.hint, raw[name], key, field.expected, source_of)
     try:
-        model = _MODEL.parse_obj(raw) if _PYDANTIC_1 else _MODEL.model_validate(raw)
-    except pydantic.ValidationError as error:
-        raise _first_complaint(error, raw, source_of) from None
-    given = model.dict(exclude_unset=True) if _PYDANTIC_1 else model.model_dump(exclude_unset=True)
-    config: Config = _build(Config, given, "", source_of)
-    return config
+        return record(**values)
+    except ConfigError as error:
+        full = error.inside(section)
+        raise full.inside("", source_of(full.key)) from None
+
+
+def _read(hint: Any, value: Any, key: str, expected: str, source_of: SourceOf) -> Any:
+    """Return a plain value as a field's type; text is taken for a number where YAML 1.1 does not: 1e-3."""
+    origin, of = get_origin(hint), get_args(hint)
+    if dataclasses.is_dataclass(hint):
+        return read_record(hint, value, source_of, key)  # type: ignore[arg-type]
+    if origin is tuple and isinstance(value, list | tuple):
+        element = in_words(of[0])
+        return tuple(_read(of[0], each, f"{key}.{i}", element, source_of) for i, each in enumerate(value))
+    if origin is dict and isinstance(value, Mapping):
+        return {
+            name: _read(of[1], each, f"{key}.{name}", in_words(of[1]), source_of)
+            for name, each in value.items()
+        }
+    if origin is Literal and value in of:
+        return value
+    if hint is float and isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    if hint is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if hint in (bool, str, int) and type(value) is hint:
+        return value
+    raise ConfigError(key, value, expected, source_of(key))
 
 
 def to_plain(config: Config) -> dict[str, Any]:
@@ -237,20 +274,13 @@ def _one_holds_the_other(key: str, other: str) -> bool:
     return f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
 
 
-def _beside(name: str, folder: Path) -> Path:
-    return (folder / name).resolve()
-
-
-def _resolve(
-    raw: dict[str, Any],
-    section: str,
-    key: str,
-    folder: Path,
-    file_of: Callable[[str, Path], Path] = _beside,
-) -> None:
-    values = raw.get(section)
-    if isinstance(values, dict) and isinstance(values.get(key), str) and values[key]:
-        values[key] = str(file_of(values[key], folder))
+def _resolved(key: str, value: Any, folder: Path) -> Any:
+    """Return the value of a key as an absolute file name, if it names a file."""
+    return (
+        str(named_file(value, folder, key))
+        if key in file_keys() and isinstance(value, str) and value
+        else value
+    )
 
 
 def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
@@ -262,20 +292,9 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         value = yaml.safe_load(text)
     except yaml.YAMLError:
         raise ConfigError(key, text, "a value in YAML", f"--set {assignment}") from None
-    if (
-        key in ("arm.urdf", "path.file", "path.known_file", "learning.start_from")
-        and isinstance(value, str)
-        and value
-    ):
-        value = str((urdf_file if key == "arm.urdf" else _beside)(value, Path.cwd()))
-    replaced = {
-        "path.file": "name",
-        "path.name": "file",
-        "path.known_file": "known_name",
-        "path.known_name": "known_file",
-    }.get(key)
-    if replaced and value and isinstance(raw.get("path"), dict):
-        raw["path"].pop(replaced, None)
+    value = _resolved(key, value, Path.cwd())
+    if key in _REPLACES and value and isinstance(raw.get("path"), dict):
+        raw["path"].pop(_REPLACES[key], None)
     _assign(raw, key, value, f"--set {assignment}")
     return key, assignment
 
@@ -288,63 +307,6 @@ def _assign(raw: dict[str, Any], key: str, value: Any, source: str) -> None:
         if not isinstance(values, dict):
             raise ConfigError(key, value, f"a key ({section} is a single value)", source)
     values[name] = value
-
-
-def _first_complaint(
-    error: pydantic.ValidationError, raw: Mapping[str, Any], source_of: SourceOf
-) -> ConfigError:
-    complaint = error.errors()[0]
-    key = ".".join(str(part) for part in complaint["loc"])
-    value: Any = raw
-    hint: Any = Config
-    record: Any = Config
-    for part in complaint["loc"]:
-        value = value.get(part, "missing") if isinstance(value, Mapping) else _item(value, part)
-        record = hint if dataclasses.is_dataclass(hint) else record
-        hint = get_type_hints(hint).get(str(part)) if dataclasses.is_dataclass(hint) else _element(hint)
-    if "extra" in str(complaint["type"]):
-        known = ", ".join(field.name for field in dataclasses.fields(record))
-        return ConfigError(key, value, f"a known key: {known}", source_of(key))
-    return ConfigError(key, value, _expectation(hint), source_of(key))
-
-
-def _element(hint: Any) -> Any:
-    """Return the type of the elements of a tuple or the values of a dictionary."""
-    return (get_args(hint) or (None,))[-1 if get_origin(hint) is dict else 0]
-
-
-def _expectation(hint: Any) -> str:
-    """Say in words what a field takes; the library's own words differ from version to version."""
-    if dataclasses.is_dataclass(hint):
-        return "keys and values"
-    if get_origin(hint) is Literal:
-        return " or ".join(repr(choice) for choice in get_args(hint))
-    if get_origin(hint) is tuple:
-        return f"a list, each element {_expectation(_element(hint))}"
-    names = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-    return names.get(hint, "keys and values")
-
-
-def _item(value: Any, part: Any) -> Any:
-    try:
-        return value[part]
-    except (TypeError, IndexError, KeyError):
-        return value
-
-
-def _build(record: Any, given: Mapping[str, Any], section: str, source_of: SourceOf) -> Any:
-    hints = get_type_hints(record)
-    values = {}
-    for key, value in given.items():
-        hint = hints[key]
-        if dataclasses.is_dataclass(hint):
-            value = _build(hint, value, f"{section}.{key}" if section else key, source_of)
-        values[key] = value
-    try:
-        return record(**values)
-    except ConfigError as error:
-        full = error.inside(section)
-        raise full.inside("", source_of(full.key)) from None
 
 
 def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:

@@ -1,11 +1,15 @@
-"""Finding the files that come with a package."""
+"""Files that come with packages: ours, and those that a configuration names; the shipped configurations."""
 
 from __future__ import annotations
 
+import os
+import re
 from importlib.util import find_spec
 from pathlib import Path
 
 from tel_ros.core.errors import InputFileError
+
+_PACKAGE = "package://"
 
 
 def share_folder(package: str) -> Path:
@@ -24,3 +28,62 @@ def share_folder(package: str) -> Path:
         if folder.is_dir():
             return folder
     raise InputFileError(spec.origin, f"no share/{package} beside it", "a complete installation")
+
+
+def named_file(name: str, folder: Path, key: str = "arm.urdf") -> Path:
+    """Return the absolute path of a file that a configuration names.
+
+    Args:
+        name: a file, or ``package://NAME/path`` of one that comes with a package: an installed Python package
+            (``package://pybullet_data/kuka_iiwa/model.urdf``), or a ROS package in AMENT_PREFIX_PATH.
+        folder: what a relative file name is relative to.
+        key: that names it, for messages.
+
+    Raises:
+        InputFileError: there is no such package, or it has no such file.
+    """
+    if not name.startswith(_PACKAGE):
+        return (folder / name).resolve()
+    package, _, inside = name.removeprefix(_PACKAGE).partition("/")
+    # Only a name without dots is looked up without importing anything.
+    spec = find_spec(package) if package.isidentifier() else None
+    roots = [Path(root) for root in (spec and spec.submodule_search_locations) or ()]
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    roots += [Path(prefix) / "share" / package for prefix in prefixes if prefix and package]
+    for root in roots:
+        if (root / inside).is_file():
+            return (root / inside).resolve()
+    installed = [str(root) for root in roots if root.is_dir()]
+    found = (
+        f"no such file in {' or '.join(installed)}" if installed else f"no package {package!r} is installed"
+    )
+    raise InputFileError(name, found, f"a file of a package (key {key})")
+
+
+def config_folder() -> Path:
+    """Return the folder of the configurations, as it lies in a checkout or as it was installed.
+
+    Raises:
+        InputFileError: there is neither.
+    """
+    checkout = Path(__file__).parents[2] / "config"
+    return checkout if (checkout / "paper.yaml").is_file() else share_folder("tel_ros") / "config"
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Return the practice runs that come with the package, by the name that stands for each.
+
+    Raises:
+        InputFileError: the package is not installed completely.
+    """
+    return {path.stem: path for path in sorted(config_folder().glob("*.yaml"))}
+
+
+def summary_of(config_file: Path) -> str:
+    """Return the first sentence of the comment that a configuration begins with; empty if it has none."""
+    comment = []
+    for line in config_file.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        comment.append(line.lstrip("# "))
+    return re.split(r"(?<=\.)\s(?=[A-Z])", " ".join(comment), maxsplit=1)[0]

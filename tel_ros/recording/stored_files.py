@@ -1,26 +1,23 @@
 """The files that a run's configuration names, stored in each bag: bags alone tell what learning began with.
 
-Text files are stored as they are. An earlier network (``learning.start_from``) is stored in Base64, and only
-in the bag of the first trial: learning begins there.
+Text files are stored as they are, in every bag. A binary file, such as the network that learning starts from, is
+stored in Base64, in the bag of the first trial only.
 """
 
 from __future__ import annotations
 
 import base64
 import binascii
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, file_keys, file_values, with_files
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.recording.config_file import config_from
 
 _PREFIX = "file."
-_TEXT = (("arm", "urdf"), ("path", "file"), ("path", "known_file"))
-_NETWORK = ("learning", "start_from")
 
 
 def stored_files(config: Config, trial: int) -> dict[str, str]:
@@ -30,14 +27,12 @@ def stored_files(config: Config, trial: int) -> dict[str, str]:
         config: of the run; the files that it names are read.
         trial: index of the trial, from 1.
     """
-    contents = {
-        _key(section, name): file.read_text(encoding="utf-8")
-        for section, name in _TEXT
-        if (file := _named(config, section, name)) is not None
-    }
-    network = _named(config, *_NETWORK)
-    if network is not None and trial == 1:
-        contents[_key(*_NETWORK)] = base64.b64encode(network.read_bytes()).decode("ascii")
+    contents = {}
+    for key, file in file_values(config).items():
+        if not file_keys()[key].binary:
+            contents[_PREFIX + key] = file.read_text(encoding="utf-8")
+        elif trial == 1:
+            contents[_PREFIX + key] = base64.b64encode(file.read_bytes()).decode("ascii")
     return contents
 
 
@@ -62,7 +57,7 @@ def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> str:
     Raises:
         BagError: it is neither in the bag nor beside it.
     """
-    return _content(bag, metadata, stored_config(bag, metadata), "arm", "urdf").decode("utf-8")
+    return _content(bag, metadata, stored_config(bag, metadata), "arm.urdf").decode("utf-8")
 
 
 def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Config:
@@ -79,41 +74,28 @@ def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Con
         BagError: a file is neither in the bag nor beside it; the configuration cannot be used.
     """
     config = stored_config(bag, metadata)
-    for section, name in (*_TEXT, _NETWORK):
-        if _named(config, section, name) is None:
-            continue
-        file = folder / f"{section}_{name}"
-        file.write_bytes(_content(bag, metadata, config, section, name))
-        part = dataclasses.replace(getattr(config, section), **{name: str(file)})
-        config = dataclasses.replace(config, **{section: part})
-    return config
+    names = {}
+    for key in file_values(config):
+        file = folder / key.replace(".", "_")
+        file.write_bytes(_content(bag, metadata, config, key))
+        names[key] = str(file)
+    return with_files(config, names)
 
 
-def _key(section: str, name: str) -> str:
-    return f"{_PREFIX}{section}.{name}"
-
-
-def _named(config: Config, section: str, name: str) -> Path | None:
-    file = getattr(getattr(config, section), name)
-    return Path(file) if file else None
-
-
-def _content(bag: Path, metadata: Mapping[str, str], config: Config, section: str, name: str) -> bytes:
-    stored = metadata.get(_key(section, name))
-    if stored is not None and (section, name) != _NETWORK:
+def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -> bytes:
+    stored, is_binary = metadata.get(_PREFIX + key), file_keys()[key].binary
+    if stored is not None and not is_binary:
         return stored.encode("utf-8")
     if stored is not None:
         try:
             return base64.b64decode(stored, validate=True)
         except binascii.Error as error:
-            found = f"holds a {section}.{name} that is not readable ({error})"
-            raise BagError(bag, found, "the network in Base64") from error
-    beside: Path = bag.parent / getattr(getattr(config, section), name)
+            found = f"holds a {key} that is not readable ({error})"
+            raise BagError(bag, found, "the file in Base64") from error
+    beside = bag.parent / file_values(config)[key]
     try:
         return beside.read_bytes()
     except OSError:
-        what = (
-            "the bag of the run's first trial" if (section, name) == _NETWORK else "a bag with all its files"
-        )
-        found = f"does not hold {section}.{name}, and {beside} is not there"
+        what = "the bag of the run's first trial" if is_binary else "a bag with all its files"
+        found = f"does not hold {key}, and {beside} is not there"
         raise BagError(bag, found, f"{what}, or the whole folder of the run") from None

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,6 @@ from tel_ros.core.types import FloatArray
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 """Types of joints that have a position."""
-_PACKAGE = "package://"
 
 
 @dataclass(frozen=True)
@@ -49,35 +46,6 @@ class JointLimits:
                 if not least <= value <= most:
                     expected = f"{least:g} to {most:g} for {joint}, as in the URDF"
                     raise ConfigError(key, list(values), expected)
-
-
-def urdf_file(name: str, folder: Path) -> Path:
-    """Return the absolute path of a URDF.
-
-    Args:
-        name: a file, or ``package://NAME/path`` of one that comes with a package: an installed Python package
-            (``package://pybullet_data/kuka_iiwa/model.urdf``), or a ROS package in AMENT_PREFIX_PATH.
-        folder: what a relative file name is relative to.
-
-    Raises:
-        InputFileError: there is no such package, or it has no such file.
-    """
-    if not name.startswith(_PACKAGE):
-        return (folder / name).resolve()
-    package, _, inside = name.removeprefix(_PACKAGE).partition("/")
-    # Only a name without dots is looked up without importing anything.
-    spec = find_spec(package) if package.isidentifier() else None
-    roots = [Path(root) for root in (spec and spec.submodule_search_locations) or ()]
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    roots += [Path(prefix) / "share" / package for prefix in prefixes if prefix and package]
-    for root in roots:
-        if (root / inside).is_file():
-            return (root / inside).resolve()
-    installed = [str(root) for root in roots if root.is_dir()]
-    found = (
-        f"no such file in {' or '.join(installed)}" if installed else f"no package {package!r} is installed"
-    )
-    raise InputFileError(name, found, "a URDF file (key arm.urdf)")
 
 
 def read_urdf(path: Path) -> Any:

@@ -19,7 +19,7 @@ from tel_ros.app.cli import COMMANDS, main
 from tel_ros.app.command_group import CommandGroup
 from tel_ros.core.errors import ConfigError
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.shipped import shipped_configs
+from tel_ros.recording.shared_files import shipped_configs
 
 NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot"}
 """Commands that show something until they are stopped, or write one file."""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf, urdf_file
+from tel_ros.recording.shared_files import named_file
+from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
 
 JOINTS = ("shoulder", "elbow")
 
@@ -153,11 +154,11 @@ def test_a_file_in_a_python_package_is_found_without_importing_the_package(
     (package / "__init__.py").write_text("raise RuntimeError('imported')")
     (package / "urdf" / "arm.urdf").touch()
     monkeypatch.syspath_prepend(tmp_path)
-    found = urdf_file("package://robots_to_test_with/urdf/arm.urdf", Path("/anywhere"))
+    found = named_file("package://robots_to_test_with/urdf/arm.urdf", Path("/anywhere"))
     assert found == package / "urdf" / "arm.urdf"
     with pytest.raises(InputFileError) as refusal:
-        urdf_file("package://robots_to_test_with/arm.urdf", Path("/anywhere"))
-    complaint = f"no such file in {package}; expected a URDF file (key arm.urdf)"
+        named_file("package://robots_to_test_with/arm.urdf", Path("/anywhere"))
+    complaint = f"no such file in {package}; expected a file of a package (key arm.urdf)"
     assert str(refusal.value) == f"package://robots_to_test_with/arm.urdf: {complaint}"
 
 
@@ -168,12 +169,12 @@ def test_a_file_in_a_ros_package_is_found_in_its_share_folder(
     file.parent.mkdir(parents=True)
     file.touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
-    assert urdf_file("package://my_arm_description/arm.urdf", Path()) == file
+    assert named_file("package://my_arm_description/arm.urdf", Path()) == file
 
 
 @pytest.mark.parametrize(
     "name", ["package://not_there_at_all/a.urdf", "package://no.such/a.urdf", "package:///a"]
 )
 def test_a_package_that_is_not_installed_is_refused_by_name(name: str) -> None:
-    with pytest.raises(InputFileError, match=r"no package '.*' is installed; expected a URDF file"):
-        urdf_file(name, Path())
+    with pytest.raises(InputFileError, match=r"no package '.*' is installed; expected a file of a package"):
+        named_file(name, Path())

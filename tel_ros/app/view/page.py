@@ -22,7 +22,7 @@ from tel_ros.app.view.viewpoint import Viewpoint
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.urdf import urdf_file
+from tel_ros.recording.shared_files import named_file
 
 _COLOURS = ("#1f6fb4", "#d9661f", "#2b8a3e", "#9c36b5", "#c92a2a", "#0b7285", "#846358")
 _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
@@ -265,7 +265,7 @@ class _Robot:
 
 def _load(file: Path) -> yourdfpy.URDF:
     def find(name: str) -> str:
-        return str(urdf_file(name.removeprefix("file://"), file.parent))
+        return str(named_file(name.removeprefix("file://"), file.parent))
 
     return yourdfpy.URDF.load(str(file), filename_handler=find, build_collision_scene_graph=False)
 

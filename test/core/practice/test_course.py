@@ -223,7 +223,7 @@ def test_with_only_the_speed_it_is_practice_as_ever() -> None:
         ("vary", (), "one or more of speed, amplitude, shape, stiffness, each once"),
         ("vary", ("speed", "speed"), "each once"),
         ("vary", ("weight",), "one or more of"),
-        *(("first_amplitude", bad, "above 0, up to 1") for bad in (0.0, -0.1, 1.1, math.nan)),
+        *(("first_amplitude", bad, "above 0 and up to 1") for bad in (0.0, -0.1, 1.1, math.nan)),
         *(("first_stiffness", bad, "at least 1") for bad in (0.9, math.nan, math.inf)),
         *(("parts", bad, "a whole number of at least 2") for bad in (1, 0, -3)),
     ],
@@ -273,5 +273,5 @@ def test_the_first_stiffness_is_one_that_the_controller_takes() -> None:
         whole_config({}, practice, {})
     whole_config({}, practice, {"max_stiffness_factor": 11.0})
     for bad in (0.5, math.nan, math.inf):
-        with pytest.raises(ConfigError, match="a finite factor of at least 1"):
+        with pytest.raises(ConfigError, match="a finite number of at least 1"):
             ControlConfig(max_stiffness_factor=bad)

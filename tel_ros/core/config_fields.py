@@ -1,0 +1,188 @@
+"""What a configuration record declares about its fields, beside their types: ranges, files, units, meanings.
+
+A field's type says it all: ``rate: Annotated[float, Range(0.0, 1.0)] = 0.5``, ``urdf: TextFile``; the text
+below the field is its manual. Checks, files, ROS parameters and the reference pages all read these
+declarations.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from tel_ros.core.errors import ConfigError
+
+JointValues = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that a field, or each element of a list, may have; always finite."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    """Whether ``low`` itself is excluded."""
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is in the range; NaN and infinity never are."""
+        return (
+            (value > self.low if self.above else value >= self.low)
+            and value <= self.high
+            and abs(value) < math.inf
+        )
+
+    def text(self, number: str) -> str:
+        """Return the range in words: ``a finite number above 0``.
+
+        Args:
+            number: ``number``, ``whole number`` or ``numbers``.
+        """
+        finite = "" if number == "whole number" or self.high < math.inf else "finite "
+        text = finite + number if number.endswith("s") else f"a {finite}{number}"
+        if self.high < math.inf:
+            ends = f"above {self.low:g} and up to" if self.above else f"from {self.low:g} to"
+            return f"{text} {ends} {self.high:g}"
+        if self.low == -math.inf:
+            return text
+        return f"{text} {'above' if self.above else 'of at least'} {self.low:g}"
+
+
+@dataclass(frozen=True)
+class FileRole:
+    """A file that a key names. Relative names are resolved where the key is read; each bag holds the content.
+
+    Args:
+        binary: stored in Base64, and with the first trial only.
+    """
+
+    binary: bool = False
+
+
+TextFile = Annotated[str, FileRole()]
+BinaryFile = Annotated[str, FileRole(binary=True)]
+Finite = Annotated[float, Range()]
+Positive = Annotated[float, Range(0.0, above=True)]
+NonNegative = Annotated[float, Range(0.0)]
+Share = Annotated[float, Range(0.0, 1.0, above=True)]
+Factor = Annotated[float, Range(1.0)]
+Count = Annotated[int, Range(1)]
+
+_UNITS = {
+    **{"_nm_per_rad": "N·m/rad", "_nms_per_rad": "N·m·s/rad", "_nm_per_s": "N·m/s", "_rad_s2": "rad/s²"},
+    **{"_rad_s": "rad/s", "_per_s": "1/s", "_rad": "rad", "_nm": "N·m", "_hz": "Hz", "_kg": "kg", "_s": "s"},
+}
+
+
+@dataclass(frozen=True)
+class Declared:
+    """One field of a record, as declared."""
+
+    name: str
+    hint: Any
+    """Its type without annotations."""
+    doc: str
+    """The text below it, on one line, with the unit."""
+    is_required: bool
+    range: Range | None
+    """Of the number, or of each element."""
+    file: FileRole | None
+
+    @property
+    def expected(self) -> str:
+        """What the field takes, in words."""
+        element = get_args(self.hint)[0] if get_origin(self.hint) is tuple else None
+        if element is not None and self.range:
+            return self.range.text("numbers")
+        return in_words(self.hint, self.range)
+
+
+def in_words(hint: Any, limits: Range | None = None) -> str:
+    """Say what a type takes."""
+    if get_origin(hint) is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    if get_origin(hint) is tuple:
+        return f"a list, each element {in_words(get_args(hint)[0])}"
+    if hint in (int, float):
+        number = "whole number" if hint is int else "number"
+        return limits.text(number) if limits else f"a {number}"
+    return {bool: "true or false", str: "text"}.get(hint, "keys and values")
+
+
+def declared(record: Any) -> Mapping[str, Declared]:
+    """Return what a dataclass declares about its fields, by their names."""
+    return _declared(record)
+
+
+@cache
+def _declared(record: Any) -> Mapping[str, Declared]:
+    hints, docs = get_type_hints(record, include_extras=True), _docs(record)
+    plain = get_type_hints(record)
+    found = {}
+    for field in fields(record):
+        notes = _notes(hints[field.name])
+        unit = next((unit for end, unit in _UNITS.items() if field.name.endswith(end)), None)
+        found[field.name] = Declared(
+            name=field.name,
+            hint=plain[field.name],
+            doc=docs.get(field.name, "") + (f" [{unit}]" if unit else ""),
+            is_required=field.default is field.default_factory is MISSING,
+            range=next((note for note in notes if isinstance(note, Range)), None),
+            file=next((note for note in notes if isinstance(note, FileRole)), None),
+        )
+    return found
+
+
+def _notes(hint: Any) -> tuple[Any, ...]:
+    if get_origin(hint) is tuple:
+        hint = get_args(hint)[0]
+    return getattr(hint, "__metadata__", ())
+
+
+def _docs(record: type) -> dict[str, str]:
+    body = ast.parse(inspect.getsource(record)).body[0].body  # type: ignore[attr-defined]
+    docs = {}
+    for field, text in zip(body, body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+            docs[ast.unparse(field.target)] = " ".join(str(ast.literal_eval(text.value)).split())
+    return docs
+
+
+class Checked:
+    """Base of the records: each refuses values outside its declared ranges and choices when it is made."""
+
+    def __post_init__(self) -> None:
+        for name, field in declared(type(self)).items():
+            value = getattr(self, name)
+            if get_origin(field.hint) is Literal:
+                require(value in get_args(field.hint), name, value, field.expected)
+            if field.range:
+                values = value if isinstance(value, tuple) else (value,)
+                require(all(map(field.range.holds, values)), name, value, field.expected)
+
+
+def require(condition: bool, key: str, value: object, expected: str) -> None:
+    """Raise a ConfigError unless a condition holds. Write it so that NaN makes it false."""
+    if not condition:
+        raise ConfigError(key, list(value) if isinstance(value, tuple) else value, expected)
+
+
+def require_one_per_joint(record: Checked, joints: Sequence[str], section: str = "") -> None:
+    """Refuse lists of numbers of another length than there are joints; those with a default may be empty.
+
+    Raises:
+        ConfigError: of the first such list; its key with the section in front.
+    """
+    for name, field in declared(type(record)).items():
+        values = getattr(record, name)
+        if field.hint != JointValues or len(values) == len(joints) or not (values or field.is_required):
+            continue
+        one_each = f"{len(joints)} {field.expected}, one for each of the joints {', '.join(joints)}"
+        raise ConfigError(
+            f"{section}{name}", list(values), one_each if field.is_required else f"nothing, or {one_each}"
+        )
