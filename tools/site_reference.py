@@ -4,20 +4,11 @@ import ast
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
-
-from tel_ros.core.config_docs import field_docs
+from typing import Any, Literal, get_args, get_origin
 
 from tel_ros.core.config import Config, JointValues
+from tel_ros.core.config_fields import Declared, declared
 
-_TYPES = {
-    str: "text",
-    int: "whole number",
-    float: "number",
-    bool: "true or false",
-    JointValues: "a number for each joint",
-    tuple[str, ...]: "a list of names",
-}
 _CONFIGURATION = """\
 # Configuration
 
@@ -35,13 +26,11 @@ What the nodes speak. The arm's side is fixed by [the arm contract](../arm-contr
 
 def configuration_page() -> str:
     """Return the keys of a configuration with types, defaults and meanings, section by section."""
-    hints = get_type_hints(Config)
     lines = [_CONFIGURATION]
-    top = [field for field in dataclasses.fields(Config) if not dataclasses.is_dataclass(hints[field.name])]
+    top = [field for field in dataclasses.fields(Config) if _record(field.name) is None]
     lines += ["## At the top\n", *_table(Config, top)]
     for field in dataclasses.fields(Config):
-        record = hints[field.name]
-        if dataclasses.is_dataclass(record):
+        if record := _record(field.name):
             about = " ".join((record.__doc__ or "").split("\n\n")[0].split())
             lines += [f"\n## {field.name}\n", f"{about}\n", *_table(record, dataclasses.fields(record))]
     return "\n".join(lines) + "\n"
@@ -78,26 +67,29 @@ def interfaces_page(root: Path) -> str:
 
 
 def _anchor(section: str) -> str:
-    return section if dataclasses.is_dataclass(get_type_hints(Config)[section]) else "at-the-top"
+    return section if _record(section) else "at-the-top"
+
+
+def _record(section: str) -> Any:
+    """Return the record of a section; None if the key holds a single value."""
+    hint = declared(Config)[section].hint
+    return hint if dataclasses.is_dataclass(hint) else None
 
 
 def _table(record: Any, fields: Any) -> Iterator[str]:
-    hints, docs = get_type_hints(record), field_docs(record)
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
     for field in fields:
-        text = _cell(docs.get(field.name, ""))
-        yield f"| `{field.name}` | {_type(hints[field.name])} | {_default(field)} | {text} |"
+        about = declared(record)[field.name]
+        yield f"| `{field.name}` | {_type(about)} | {_default(field)} | {_cell(about.doc)} |"
 
 
-def _type(hint: Any) -> str:
-    if get_origin(hint) is Literal:
-        return " or ".join(f"`{choice}`" for choice in get_args(hint))
-    if get_origin(hint) is tuple and get_origin(get_args(hint)[0]) is Literal:
-        return f"a list of {_type(get_args(hint)[0])}"
-    if get_origin(hint) is dict:
-        return "keys and values"
-    return _TYPES[hint]
+def _type(field: Declared) -> str:
+    if get_origin(field.hint) is Literal:
+        return " or ".join(f"`{choice}`" for choice in get_args(field.hint))
+    if field.hint == JointValues and field.range:
+        return f"{field.expected}, one for each joint"
+    return "text, the name of a file" if field.file else field.expected
 
 
 def _default(field: Any) -> str:

@@ -87,7 +87,9 @@ class Declared:
     hint: Any
     """Its type without annotations."""
     doc: str
-    """The text below it, on one line, with the unit."""
+    """The text below it, on one line."""
+    unit: str
+    """As its name says; empty if it has none."""
     is_required: bool
     range: Range | None
     """Of the number, or of each element."""
@@ -126,11 +128,11 @@ def _declared(record: Any) -> Mapping[str, Declared]:
     found = {}
     for field in fields(record):
         notes = _notes(hints[field.name])
-        unit = next((unit for end, unit in _UNITS.items() if field.name.endswith(end)), None)
         found[field.name] = Declared(
             name=field.name,
             hint=plain[field.name],
-            doc=docs.get(field.name, "") + (f" [{unit}]" if unit else ""),
+            doc=docs.get(field.name, ""),
+            unit=next((unit for end, unit in _UNITS.items() if field.name.endswith(end)), ""),
             is_required=field.default is field.default_factory is MISSING,
             range=next((note for note in notes if isinstance(note, Range)), None),
             file=next((note for note in notes if isinstance(note, FileRole)), None),

@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, file_values, with_files
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.code_version import versions
@@ -40,23 +40,13 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         raise InputFileError(
             folder, f"cannot be made ({error.strerror})", "a folder that can be written"
         ) from error
-    urdf = Path(shutil.copy(config.arm.urdf, folder)).name
-    path_file = Path(shutil.copy(config.path.file, folder)).name if config.path.file else ""
-    known_file = ""
-    if config.path.known_file:
+    copies: dict[str, str] = {}
+    for key, file in file_values(config).items():
         # Two files of different folders may have one name.
-        known_file = f"known_{Path(config.path.known_file).name}"
-        shutil.copy(config.path.known_file, folder / known_file)
-    start_from = (
-        Path(shutil.copy(config.learning.start_from, folder)).name if config.learning.start_from else ""
-    )
-    written = dataclasses.replace(
-        config,
-        learning=dataclasses.replace(config.learning, start_from=start_from),
-        arm=dataclasses.replace(config.arm, urdf=urdf),
-        path=dataclasses.replace(config.path, file=path_file, known_file=known_file),
-        versions=versions(),
-    )
+        taken = file.name in copies.values()
+        copies[key] = f"{key.split('.')[1]}_{file.name}" if taken else file.name
+        shutil.copy(file, folder / copies[key])
+    written = dataclasses.replace(with_files(config, copies), versions=versions())
     write_atomically(folder / CONFIG_FILE, dump_config(written))
     return written
 

@@ -1,7 +1,7 @@
 """The files that a run's configuration names, stored in each bag: bags alone tell what learning began with.
 
-Text files are stored as they are, in every bag. A binary file, such as the network that learning starts from, is
-stored in Base64, in the bag of the first trial only.
+Text files are stored as they are, in every bag. A binary file, such as the network that learning
+starts from, is stored in Base64, in the bag of the first trial only.
 """
 
 from __future__ import annotations

@@ -32,10 +32,7 @@ BAD: list[tuple[type, str, Any, str]] = [
         for bad in (4.4, NAN, INF)
     ),
     *((PracticeConfig, "tolerance_rad", bad, "a finite number above 0") for bad in NOT_POSITIVE),
-    *(
-        (PracticeConfig, "step_tolerance_rad", bad, "at least tolerance_rad = 0.005 rad")
-        for bad in (4e-3,)
-    ),
+    *((PracticeConfig, "step_tolerance_rad", bad, "at least tolerance_rad = 0.005 rad") for bad in (4e-3,)),
     (PracticeConfig, "spacing", "", "'duration' or 'speed' or 'torque'"),
     (PracticeConfig, "on_abort", None, "'stop' or 'continue'"),
     (LearningConfig, "weights", "LMS", "'least_squares'"),
@@ -49,10 +46,7 @@ BAD: list[tuple[type, str, Any, str]] = [
     *((RunConfig, "arm_timeout_s", bad, "a finite number above 0") for bad in NOT_POSITIVE),
     (PracticeConfig, "trials", 0, "a whole number of at least 1"),
     *((PracticeConfig, "goal_duration_s", bad, "a finite number above 0") for bad in NOT_POSITIVE),
-    *(
-        (PracticeConfig, "first_duration_s", bad, "at least goal_duration_s = 4.5 s")
-        for bad in (4.4,)
-    ),
+    *((PracticeConfig, "first_duration_s", bad, "at least goal_duration_s = 4.5 s") for bad in (4.4,)),
     (LearningConfig, "gaussians_per_input", 1, "at least 2"),
     (LearningConfig, "max_subtrees", -1, "at least 0"),
     (LearningConfig, "growth_per_trial", -1, "at least 0"),
@@ -80,7 +74,7 @@ BAD: list[tuple[type, str, Any, str]] = [
         for key in ("physics_rate_hz", "inertia_scale", "drive_stiffness_scale", "lockstep_timeout_s")
         for bad in NOT_POSITIVE
     ),
-    *((SimConfig, "watchdog_s", bad, "above 0 and up to 0.1 s") for bad in (0.0, 0.11, NAN)),
+    *((SimConfig, "watchdog_s", bad, "above 0 and up to 0.1") for bad in (0.0, 0.11, NAN)),
     *((SimConfig, "encoder_bits", bad, "0 (exact), or 8 to 32") for bad in (1, 7)),
     *(
         (SimConfig, key, bad, "a finite number of at least 0")
@@ -197,9 +191,7 @@ def test_values_of_the_simulated_arm_are_given_for_all_joints_or_none(key: str) 
     config(sim=SimConfig(**{key: (0.1, 0.2)}))
     with pytest.raises(ConfigError) as refusal:
         config(sim=SimConfig(**{key: (0.1,)}))
-    assert_complaint(
-        refusal.value, f"sim.{key}", (0.1,), "one for each of the joints shoulder, elbow"
-    )
+    assert_complaint(refusal.value, f"sim.{key}", (0.1,), "one for each of the joints shoulder, elbow")
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])

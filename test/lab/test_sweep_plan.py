@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from tel_lab.sweep.plan import (
     parse_grid,
     read_sweep_file,
 )
+from tel_ros.core.config import file_keys
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import load_config
 
@@ -69,7 +71,7 @@ def test_a_grid_that_is_none_is_refused(text: str) -> None:
     ("grid", "parts"),
     [
         ("sim.inertia_scal=1,2", ["sim.inertia_scal", "known key", "inertia_scale"]),
-        ("sim.inertia_scale=1,heavy", ["--grid sim.inertia_scale", "'heavy'", "a number"]),
+        ("sim.inertia_scale=1,heavy", ["--grid sim.inertia_scale", "'heavy'", "a finite number"]),
         ("sim.inertia_scale=1,-2", ["sim.inertia_scale is -2", "above 0"]),
         (
             "practice.goal_duration_s=4.5,12",
@@ -136,10 +138,25 @@ def test_an_unknown_key_in_the_file_of_a_sweep_is_named(tmp_path: Path) -> None:
 
 def test_the_hash_follows_what_files_hold_and_not_where_they_lie(tmp_path: Path) -> None:
     config = load_config(PAPER)
-    copy = tmp_path / "arm.urdf"
-    shutil.copy(config.arm.urdf, copy)
-    moved = load_config(PAPER, [f"arm.urdf={copy}"])
+    urdf = tmp_path / "arm.urdf"
+    shutil.copy(config.arm.urdf, urdf)
+    moved = load_config(PAPER, [f"arm.urdf={urdf}"])
     assert config_hash(moved) == config_hash(config)
-    copy.write_text(copy.read_text().replace("</robot>", "<!-- another arm --></robot>"))
+    urdf.write_text(urdf.read_text().replace("</robot>", "<!-- another arm --></robot>"))
     assert config_hash(moved) != config_hash(config)
     assert config_hash(load_config(PAPER, ["learning.rate=0.4"])) != config_hash(config)
+
+
+@pytest.mark.parametrize("key", file_keys())
+def test_a_file_whose_content_changes_makes_another_result(key: str, tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("before")
+    config = load_config(PAPER)
+    section, name = key.split(".")
+    # Set past the checks, which want some keys together with others.
+    part = copy.copy(getattr(config, section))
+    object.__setattr__(part, name, str(file))
+    object.__setattr__(config, section, part)
+    before = config_hash(config)
+    file.write_text("after")
+    assert config_hash(config) != before

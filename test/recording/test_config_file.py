@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, file_keys, file_values
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import (
     default_config_file,
@@ -21,6 +21,8 @@ from tel_ros.recording.config_file import (
     to_plain,
     with_values,
 )
+from tel_ros.recording.run_folder import create_run_folder
+from tel_ros.recording.stored_files import stored_files, unpacked_config
 
 Edit = Callable[[str, str, str], Path]
 
@@ -462,3 +464,31 @@ def test_a_key_of_the_version_before_still_works_with_a_warning(edit: Edit) -> N
     assert (
         load_config(default_config_file(), ["control.corridor_rad=0.125"]).control.path_tolerance_rad == 0.125
     )
+
+
+@pytest.mark.parametrize("key", file_keys())
+def test_a_key_declared_as_a_file_is_resolved_stored_in_bags_and_copied_to_the_run(
+    key: str, config_folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    section, name = key.split(".")
+    others = ["practice.vary=[shape]"] if key == "path.known_file" else []
+    content = (config_folder / "robots" / "planar_arm.urdf").read_bytes()
+    raw = yaml.safe_load((config_folder / "run.yaml").read_text())
+    raw["arm"] = yaml.safe_load((config_folder / "arms" / "two_link.yaml").read_text())
+    raw["arm"]["urdf"] = "robots/planar_arm.urdf"
+    raw.setdefault(section, {})[name] = "some.file"
+    if key == "path.file":
+        del raw["path"]["name"]
+    (config_folder / "some.file").write_bytes(content)
+    (config_folder / "named.yaml").write_text(yaml.safe_dump(raw))
+    named = load_config(config_folder / "named.yaml", others)
+    assert file_values(named)[key] == (config_folder / "some.file").resolve()
+
+    monkeypatch.chdir(config_folder)
+    option = load_config(config_folder / "run.yaml", [f"{key}=some.file", *others])
+    assert file_values(option)[key] == (config_folder / "some.file").resolve()
+
+    metadata = {"config": dump_config(create_run_folder(tmp_path / "run", named)), **stored_files(named, 1)}
+    shutil.rmtree(tmp_path / "run")
+    unpacked = unpacked_config(tmp_path / "run" / "trial_001", metadata, tmp_path)
+    assert file_values(unpacked)[key].read_bytes() == content
