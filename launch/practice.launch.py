@@ -17,11 +17,12 @@ from launch_ros.actions import Node
 
 from tel_ros.app.bring_up import node_names
 from tel_ros.recording.config_file import default_config_file, load_config
+from tel_ros.recording.shared_files import named_config
 
 
 def start_graph(context: LaunchContext) -> list:
     """Return one action for each node that the configuration needs."""
-    config_file = Path(LaunchConfiguration("config").perform(context)).resolve()
+    config_file = named_config(LaunchConfiguration("config").perform(context)).resolve()
     run_dir = LaunchConfiguration("run_dir").perform(context)
     actions = [
         Node(

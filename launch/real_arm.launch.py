@@ -24,6 +24,7 @@ from tel_ros.app.bring_up import node_names
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import default_config_file, load_config, read_yaml
+from tel_ros.recording.shared_files import named_config
 
 if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription
@@ -116,7 +117,7 @@ def start_arm(context: LaunchContext) -> list[Any]:
     def argument(name: str) -> str:
         return str(context.launch_configurations[name])
 
-    config_file = Path(argument("config")).resolve()
+    config_file = named_config(argument("config")).resolve()
     config = load_config(config_file)
     check_arm(config, config_file)
     pattern = default_config_file().parent / "ros2_control" / PATTERNS[config.arm.command_interface]

@@ -10,30 +10,20 @@ from click.shell_completion import CompletionItem
 
 from tel_ros.app.errors import EXIT_BAD_INPUT, end
 from tel_ros.core.errors import TelError
-from tel_ros.recording.shared_files import shipped_configs
+from tel_ros.recording.shared_files import named_config, shipped_configs
 
 
 class ConfigFile(click.ParamType):
-    """A YAML file. Where there is none, a bare name is looked for among the shipped configurations.
-
-    A file of the user's always comes first: what lies in the working folder is what is meant.
-    """
+    """A YAML file, or the name of a shipped configuration."""
 
     name = "config"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the file; one that does not exist is left to the reader, which says so."""
-        path = Path(value)
-        if path.is_file() or path.name != str(value):
-            return path
         try:
-            shipped = shipped_configs()
+            return named_config(str(value))
         except TelError as error:
             end(str(error), EXIT_BAD_INPUT)
-        if str(value) in shipped:
-            return shipped[str(value)]
-        names = ", ".join(shipped)
-        end(f"{value}: there is no such file; expected a YAML file, or one of {names}", EXIT_BAD_INPUT)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tel_ros.core.errors import ConfigError, StateError
+from tel_ros.core.errors import StateError
 from tel_ros.core.safety.awake_clock import AwakeClock
 from tel_ros.core.safety.guard import CommandGuard
 from tel_ros.core.safety.latency import Latency
@@ -42,25 +43,28 @@ class ArmGuardNode(Node):
     def __init__(self) -> None:
         super().__init__(topics.ARM_GUARD)
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
-        if config.arm_waits_for_commands:
-            raise ConfigError(
-                "sim.clock",
-                config.sim.clock,
-                "'realtime' for a guard: in lockstep the arm waits for commands",
-            )
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._reader = JointStateReader(config.arm, config.control)
         self._command_reader = CommandReader()
         self._latency = Latency(config.safety.clock_drift)
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", author=topics.ARM_GUARD)
-        self._channel.open(self._guard.safety)
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s
         self._state_at = time.monotonic()
-        self._blind = False
+        self._blind = config.arm_waits_for_commands
         self._takeovers = 0
         self._commands = 0
+        self.busy_subscriptions: list[Subscription] = []
+        if config.arm_waits_for_commands:
+            self.get_logger().warning("sim.clock is 'lockstep': the arm waits for commands, nothing to guard")
+        else:
+            self._channel.open(self._guard.safety)
+            self._listen()
+        self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
+        self._diagnostics = Diagnostics(self, self._health)
+
+    def _listen(self) -> None:
         # Commands first: one that has come with a state is heard before anybody asks whether one has come.
         self.busy_subscriptions = [
             self.create_subscription(kind, topic, heard, qos.NEWEST, raw=True, callback_group=BusyGroup())
@@ -69,8 +73,6 @@ class ArmGuardNode(Node):
                 (JointState, topics.JOINT_STATES, self._on_joint_state),
             )
         ]
-        self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
-        self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(f"watches {topics.EFFORT_COMMANDS}")
 
     def stop(self) -> None:

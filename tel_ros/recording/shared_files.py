@@ -79,6 +79,24 @@ def shipped_configs() -> dict[str, Path]:
     return {path.stem: path for path in sorted(config_folder().glob("*.yaml"))}
 
 
+def named_config(name: str) -> Path:
+    """Return the file of a practice run: the file of that name, or the shipped configuration.
+
+    The user's file comes first: what lies in the working folder is what is meant. A name with a folder is
+    returned as it is, whether there is such a file or not.
+
+    Raises:
+        InputFileError: a bare name is neither.
+    """
+    path = Path(name)
+    if path.is_file() or path.name != name:
+        return path
+    shipped = shipped_configs()
+    if name not in shipped:
+        raise InputFileError(name, "there is no such file", f"a YAML file, or one of {', '.join(shipped)}")
+    return shipped[name]
+
+
 def summary_of(config_file: Path) -> str:
     """Return the first sentence of the comment that a configuration begins with; empty if it has none."""
     comment = []

@@ -31,7 +31,7 @@ def waypoints(tmp_path: Path, text: str) -> str:
     [
         ("control.coridor_rad=0.5", ["control.coridor_rad", "0.5", "known key", "path_tolerance_rad"]),
         ("control.path_tolerance_rad=-0.5", ["control.path_tolerance_rad", "-0.5", "finite number above 0"]),
-        ("control.path_tolerance_rad=57 deg", ["control.path_tolerance_rad", "57 deg", "a number"]),
+        ("control.path_tolerance_rad=57 deg", ["control.path_tolerance_rad", "57 deg", "a finite number"]),
         ("practice.first_duration_s=3", ["practice.first_duration_s", "3.0", "goal_duration_s = 4.5"]),
         ("arm.urdf=nowhere.urdf", ["nowhere.urdf", "no such file", "arm.urdf"]),
         ("arm.joints=[shoulder, wrist]", ["arm.joints", "wrist", "shoulder, elbow"]),
