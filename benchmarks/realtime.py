@@ -217,9 +217,9 @@ def in_time(bag: Path, rate_hz: float) -> float:
     with AnyReader([bag]) as reader:
         for connection, _, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
-            if connection.topic == topics.EFFORT_COMMANDS:
+            if topics.is_named(connection.topic, topics.EFFORT_COMMANDS):
                 answers[int(message.layout.dim[0].label)] = message.data.tolist()
-            elif connection.topic == topics.JOINT_STATES:
+            elif topics.is_named(connection.topic, topics.JOINT_STATES):
                 stamp = message.header.stamp
                 states.append((stamp.sec * NS_PER_S + stamp.nanosec, message.effort.tolist()))
     states.sort()

@@ -220,8 +220,9 @@ def in_bag(bag: Path) -> dict[str, dict[int, bytes]]:
     found: dict[str, dict[int, bytes]] = {}
     with AnyReader([bag]) as reader:
         for connection, time_ns, raw in reader.messages():
-            if connection.topic not in topics.RECORDED_ONCE:
-                found.setdefault(connection.topic, {})[time_ns] = bytes(raw)
+            topic = connection.topic.removeprefix("/")
+            if topic not in topics.RECORDED_ONCE:
+                found.setdefault(topic, {})[time_ns] = bytes(raw)
     return found
 
 

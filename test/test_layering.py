@@ -150,14 +150,15 @@ def test_the_product_does_not_know_the_laboratory(path: Path) -> None:
 def publishers_of_commands(source: str) -> list[str]:
     """Return the calls that make a publisher of a command topic, or of a topic that cannot be told.
 
-    A topic can be told if it is written as ``topics.NAME``.
+    A topic can be told if it is written as ``topics.NAME``, in a call or not.
     """
     found = []
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or _function(node) not in PUBLISHERS:
             continue
         named = [*node.args, *(keyword.value for keyword in node.keywords)]
-        names = {a.attr for a in named if isinstance(a, ast.Attribute) and _base(a) == "topics"}
+        parts = [part for argument in named for part in ast.walk(argument)]
+        names = {a.attr for a in parts if isinstance(a, ast.Attribute) and _base(a) == "topics"}
         if not names or names & {*COMMAND_TOPICS, "COMMANDS"}:
             found.append(ast.unparse(node))
     return found
@@ -205,7 +206,9 @@ def test_the_command_channel_is_where_commands_leave() -> None:
         ("self.create_publisher(Float64MultiArray, topics.COMMANDS[interface], 1)", True),
         ("for topic in names:\n    node.create_publisher(kind, topic, 1)", True),
         ("node.create_publisher(kind, '/effort_' + 'controller/commands', 1)", True),
+        ("self.create_publisher(Float64MultiArray, topics.private(topics.EFFORT_COMMANDS), 1)", True),
         ("self.create_publisher(Bool, topics.READY, qos.LATCHED)", False),
+        ("self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)", False),
         ("self.create_subscription(Float64MultiArray, topics.EFFORT_COMMANDS, hear, 1)", False),
     ],
 )

@@ -81,8 +81,8 @@ def test_the_controllers_fit_the_pattern_and_publish_where_the_nodes_listen(
     broadcaster = parameters["joint_state_broadcaster"]["ros__parameters"]
     assert manager["joint_state_broadcaster"]["type"] == "joint_state_broadcaster/JointStateBroadcaster"
     assert manager["effort_controller"]["type"] == "effort_controllers/JointGroupEffortController"
-    assert topics.EFFORT_COMMANDS == "/effort_controller/commands"
-    assert topics.JOINT_STATES == "/joint_states" and broadcaster["use_local_topics"] is False
+    assert topics.EFFORT_COMMANDS == "effort_controller/commands"
+    assert topics.JOINT_STATES == "joint_states" and broadcaster["use_local_topics"] is False
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_the_controllers_for_positions_fit_the_pattern_and_hear_where_set_points
     parameters = yaml.safe_load(POSITION_CONTROLLERS.read_text())
     manager = parameters["controller_manager"]["ros__parameters"]
     assert manager["position_controller"]["type"] == "forward_command_controller/ForwardCommandController"
-    assert topics.POSITION_COMMANDS == "/position_controller/commands"
+    assert topics.POSITION_COMMANDS == "position_controller/commands"
 
 
 @pytest.mark.parametrize(

@@ -64,13 +64,20 @@ class NodeProcesses:
         names: which nodes to start, keys of :data:`MODULES`.
         log_folder: gets one log a node.
         resume: whether to go on with the run in whose folder the configuration lies.
+        namespace: of the nodes.
     """
 
     def __init__(
-        self, config_file: Path, names: Sequence[str], log_folder: Path, *, resume: bool = False
+        self,
+        config_file: Path,
+        names: Sequence[str],
+        log_folder: Path,
+        *,
+        resume: bool = False,
+        namespace: str = "/",
     ) -> None:
         self._config_file, self._names, self._log_folder = config_file, names, log_folder
-        self._resume = resume
+        self._more = ["-r", f"__ns:={namespace}", *(["-p", "resume:=true"] if resume else [])]
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> NodeProcesses:
@@ -122,8 +129,7 @@ class NodeProcesses:
     def _start(self, name: str) -> subprocess.Popen[bytes]:
         # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
         parameter = f"config:={json.dumps(str(self._config_file))}"
-        command = [sys.executable, "-m", MODULES[name], "--ros-args", "-p", parameter]
-        command += ["-p", "resume:=true"] if self._resume else []
+        command = [sys.executable, "-m", MODULES[name], "--ros-args", "-p", parameter, *self._more]
         with (self._log_folder / f"{name}.log").open("wb") as log:
             return subprocess.Popen(
                 command,

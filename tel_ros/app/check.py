@@ -90,13 +90,14 @@ class CheckReport:
         return {"verdict": self.verdict.value, "findings": findings}
 
 
-def check_arm(config: Config, options: CheckOptions, agree: Agree) -> CheckReport:
+def check_arm(config: Config, options: CheckOptions, agree: Agree, namespace: str = "/") -> CheckReport:
     """Check an arm; the simulated one is started for that, in real time.
 
     Args:
         config: of the practice run that is planned.
         options: how to check.
         agree: is asked before a real arm is pulsed, with what is going to happen; False: it is not.
+        namespace: of the arm.
 
     Raises:
         ConfigError: something about the configuration is wrong; nothing has moved.
@@ -108,7 +109,10 @@ def check_arm(config: Config, options: CheckOptions, agree: Agree) -> CheckRepor
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with _arm_of(config) as still_there, ArmClient(config.arm.joints, still_there) as client:
+    with (
+        _arm_of(config, namespace) as still_there,
+        ArmClient(config.arm.joints, still_there, namespace) as client,
+    ):
         _wait_for_states(client, config)
         findings = _listen(client, config, options)
         findings += _pulse(client, config, options, agree, findings)
@@ -116,23 +120,24 @@ def check_arm(config: Config, options: CheckOptions, agree: Agree) -> CheckRepor
 
 
 @contextmanager
-def _arm_of(config: Config) -> Iterator[Callable[[], None]]:
+def _arm_of(config: Config, namespace: str) -> Iterator[Callable[[], None]]:
     """Start the simulated arm if there is to be one; yield what raises when it has died."""
     if config.run.arm != "sim":
         yield lambda: None
         return
-    _refuse_other_arm(config)
+    _refuse_other_arm(config, namespace)
     require_simulator()
     with tempfile.TemporaryDirectory(prefix="tel_check_") as folder:
         file = Path(folder) / "run.yaml"
         file.write_text(dump_config(config), encoding="utf-8")
-        with NodeProcesses(file, ["sim_bridge"], Path(folder) / "log") as processes:
+        log = Path(folder) / "log"
+        with NodeProcesses(file, ["sim_bridge"], log, namespace=namespace) as processes:
             yield processes.check
 
 
-def _refuse_other_arm(config: Config) -> None:
+def _refuse_other_arm(config: Config, namespace: str) -> None:
     """Make sure that a check of the simulated arm cannot reach another one."""
-    with ArmClient(config.arm.joints) as client:
+    with ArmClient(config.arm.joints, namespace=namespace) as client:
         client.spin_for(DISCOVERY_S)
         found = endpoints(client, _command_topic(config))
     others = [node for kind in found.values() for node, _, _ in kind]
@@ -148,8 +153,9 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     # The simulated arm has to load its physics first.
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
+        topic = client.node.resolve_topic_name(topics.JOINT_STATES)
         raise NoArmError(
-            f"no joint states on {topics.JOINT_STATES} within {timeout_s:g} s. Is the arm's driver running, "
+            f"no joint states on {topic} within {timeout_s:g} s. Is the arm's driver running, "
             "its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
         )
     # Its first states come while everything else is still starting.

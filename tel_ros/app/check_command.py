@@ -13,7 +13,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tel_ros.app.config_argument import config_argument
+from tel_ros.app.config_argument import config_argument, namespace_option
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -44,6 +44,7 @@ _COLOURS = {
 @click.command()
 @config_argument
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key.")
+@namespace_option
 @click.option("--passive", is_flag=True, help="Only listen: nothing is ever commanded.")
 @click.option("--yes", is_flag=True, help="Agree to the pulses beforehand, for scripts.")
 @click.option(
@@ -70,6 +71,7 @@ _COLOURS = {
 def check(
     config_file: Path,
     overrides: tuple[str, ...],
+    namespace: str,
     passive: bool,
     yes: bool,
     effort_share: float,
@@ -109,7 +111,7 @@ def check(
 
     try:
         options = CheckOptions(PulseBounds(effort_share, range_rad), passive, listen_s)
-        report = check_arm(load_config(config_file, overrides), options, agree)
+        report = check_arm(load_config(config_file, overrides), options, agree, namespace)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)

@@ -1,7 +1,8 @@
-"""The argument CONFIG of the commands: a file, or the name of a configuration that comes with the package."""
+"""What several commands take: CONFIG, a file or the name of a shipped configuration, and ``--namespace``."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -38,3 +39,24 @@ class ConfigFile(click.ParamType):
 
 config_argument = click.argument("config_file", metavar="CONFIG", type=ConfigFile())
 """CONFIG of a command, which gets it as ``config_file``."""
+
+
+class Namespace(click.ParamType):
+    """A ROS namespace, with or without a slash at its beginning; it gets one."""
+
+    name = "namespace"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the full namespace."""
+        full = "/" + str(value).strip("/")
+        if full != "/" and not re.fullmatch(r"(/[A-Za-z][A-Za-z0-9_]*)+", full):
+            self.fail(f"{value!r} is no namespace; expected letters, digits and _, as in left or lab/left")
+        return full
+
+
+namespace_option = click.option(
+    "--namespace",
+    type=Namespace(),
+    default="/",
+    help="ROS namespace of the arm and of all nodes, e.g. left: two arms can practise side by side.",
+)

@@ -75,8 +75,8 @@ def _values(export: Export) -> dict[str, object]:
         "joints": export.arm.config.joints,
         "root": export.arm.root,
         "file": export.file.name,
-        "states": topics.CONTROL_STATES,
-        "result": topics.TRIAL_RESULT,
+        "states": _name_in(export, topics.CONTROL_STATES),
+        "result": _name_in(export, topics.TRIAL_RESULT),
         "topics": exported_topics,
         "colours": _COLOURS,
         "camera_m": round(_CAMERA * reach_m, 3),
@@ -85,3 +85,8 @@ def _values(export: Export) -> dict[str, object]:
         "axis_m": round(_AXIS * reach_m, 4),
         "axis_scale": round(_AXIS * reach_m / _UNIT_AXIS_M, 3),
     }
+
+
+def _name_in(export: Export, topic: str) -> str:
+    """Return the full name of a topic in the exported file."""
+    return next((name for name in export.counts if topics.is_named(name, topic)), topics.absolute(topic))

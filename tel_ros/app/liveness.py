@@ -29,7 +29,7 @@ class Liveness:
 
     def __init__(self, node: Node, name: str, clock: Callable[[], float] = time.monotonic) -> None:
         self._node, self._name, self._clock = node, name, clock
-        self._client = node.create_client(GetParameters, f"/{name}/get_parameters")
+        self._client = node.create_client(GetParameters, f"{name}/get_parameters")
         self._asked: Future | None = None
         self._asked_at = clock()
 

@@ -81,7 +81,11 @@ def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
 
 
 def practise(
-    config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside = nothing_beside
+    config: Config,
+    folder: Path,
+    on_feedback: OnFeedback,
+    beside: Beside = nothing_beside,
+    namespace: str = "/",
 ) -> Practice.Result:
     """Bring the graph up, run practice, take the graph down.
 
@@ -90,6 +94,7 @@ def practise(
         folder: of the run; must not exist.
         on_feedback: called with every message about the progress.
         beside: entered before the nodes start, and left after the last of them has ended.
+        namespace: of all nodes.
 
     Raises:
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
@@ -101,11 +106,11 @@ def practise(
     if config.run.arm == "sim":
         require_simulator()
     _keep_to_this_machine(config)
-    with _client_node() as (node, executor):
+    with _client_node(namespace) as (node, executor):
         _refuse_second_graph(node, executor, config)
         create_run_folder(folder, config)
         config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
-        nodes = NodeProcesses(config_file, node_names(config), logs)
+        nodes = NodeProcesses(config_file, node_names(config), logs, namespace=namespace)
         with run_lock(folder), beside(config_file, logs), nodes as processes:
             return _run(node, executor, processes, folder, on_feedback, START_TIMEOUT_S)
 
@@ -115,6 +120,7 @@ def resume(
     on_prepared: Callable[[Resumption], None],
     on_feedback: OnFeedback,
     beside: Beside = nothing_beside,
+    namespace: str = "/",
 ) -> Practice.Result:
     """Go on with a run that was interrupted, after its last whole trial.
 
@@ -123,6 +129,7 @@ def resume(
         on_prepared: called with what the run goes on from, before any node is started.
         on_feedback: as for :func:`practise`.
         beside: likewise.
+        namespace: likewise.
 
     Raises:
         As for :func:`practise`; and InputFileError also if the run is finished.
@@ -130,12 +137,12 @@ def resume(
     config = resumed_config(folder)
     check_before_moving(config)
     _keep_to_this_machine(config)
-    with run_lock(folder), _client_node() as (node, executor):
+    with run_lock(folder), _client_node(namespace) as (node, executor):
         # The nodes of the run may still be on their way to bring the arm to rest.
         _refuse_second_graph(node, executor, config)
         on_prepared(prepare_to_resume(folder, config))
         config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
-        nodes = NodeProcesses(config_file, node_names(config), logs, resume=True)
+        nodes = NodeProcesses(config_file, node_names(config), logs, resume=True, namespace=namespace)
         with beside(config_file, logs), nodes as processes:
             return _run(node, executor, processes, folder, on_feedback, RESUME_TIMEOUT_S)
 
@@ -147,10 +154,10 @@ def _keep_to_this_machine(config: Config) -> None:
 
 
 @contextmanager
-def _client_node() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+def _client_node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:
-        node = Node("tel")
+        node = Node("tel", namespace=namespace)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         yield node, executor
@@ -164,13 +171,16 @@ def _refuse_second_graph(node: Node, executor: SingleThreadedExecutor, config: C
     ours = set(node_names(config))
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.1)
-        running = sorted(ours.intersection(node.get_node_names()))
+        here = {name for name, space in node.get_node_names_and_namespaces() if space == node.get_namespace()}
+        running = sorted(ours & here)
         if config.run.arm == "sim" and node.count_publishers(topics.JOINT_STATES):
-            running.append(f"a publisher of {topics.JOINT_STATES}")
+            running.append(f"a publisher of {node.resolve_topic_name(topics.JOINT_STATES)}")
         if running:
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
             raise ConfigError(
-                "ROS_DOMAIN_ID", domain, f"a domain without a running graph (found {', '.join(running)})"
+                "ROS_DOMAIN_ID",
+                domain,
+                f"a domain or --namespace without a running graph (found {', '.join(running)})",
             )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from tel_ros.app.config_argument import ConfigFile
+from tel_ros.app.config_argument import ConfigFile, namespace_option
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -56,6 +56,7 @@ _OUT = Console()
 @click.option(
     "--report/--no-report", "with_report", default=True, help="Make the report at the end (default)."
 )
+@namespace_option
 @view_option
 def practice(
     config_file: Path | None,
@@ -64,6 +65,7 @@ def practice(
     out: Path | None,
     as_json: bool,
     with_report: bool,
+    namespace: str,
     with_view: bool,
 ) -> None:
     """Run a practice run: bring the node graph up, practise, take it down.
@@ -81,17 +83,17 @@ def practice(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
-        beside = beside_run(with_view, _PROGRESS)
+        beside = beside_run(with_view, _PROGRESS, namespace)
         if resumed is not None:
             folder = resumed
             with ProgressView(_PROGRESS) as progress:
-                result = resume(folder, partial(say_what_goes_on, folder), progress.update, beside)
+                result = resume(folder, partial(say_what_goes_on, folder), progress.update, beside, namespace)
         else:
             assert config_file is not None  # require_either
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
             config = load_config(config_file, overrides)
             with ProgressView(_PROGRESS) as progress:
-                result = practise(config, folder, progress.update, beside)
+                result = practise(config, folder, progress.update, beside, namespace)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tel_ros.app.config_argument import namespace_option
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
 from tel_ros.app.keyboard import SpaceBar
 from tel_ros.core.errors import TelError
@@ -37,9 +38,10 @@ _LATE_S = 0.02
 @click.option(
     "--states-to-nodes",
     is_flag=True,
-    help="Publish the recorded joint states on /joint_states, where live nodes listen. Refused while an arm "
+    help="Publish the recorded joint states on joint_states, where live nodes listen. Refused while an arm "
     "is there.",
 )
+@namespace_option
 def replay(
     bag: Path,
     rate: float,
@@ -48,6 +50,7 @@ def replay(
     patterns: tuple[str, ...],
     with_clock: bool,
     states_to_nodes: bool,
+    namespace: str,
 ) -> None:
     """Publish the topics of BAG, at its pace, below /replay.
 
@@ -80,7 +83,11 @@ def replay(
         with open_any_bag(bag) as reader, SpaceBar() as space_bar:
             plan = Replay(bag, reader, options)
             with BagPlayer(
-                plan, with_clock=with_clock, toggled=space_bar.pressed, on_pause=_say_pause
+                plan,
+                with_clock=with_clock,
+                toggled=space_bar.pressed,
+                on_pause=_say_pause,
+                namespace=namespace,
             ) as player:
                 _say_what_comes(bag, player, space_bar.works)
                 player.play(rate)
@@ -99,8 +106,8 @@ def _say_what_comes(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
     if not player.played:
         raise TelError(f"{bag}: nothing of it can be published here")
     for topic in player.played:
-        count = topic.connection.msgcount
-        click.echo(f"{topic.connection.topic} → {topic.name} ({count} message{'s' * (count != 1)})")
+        count, name = topic.connection.msgcount, player.node.resolve_topic_name(topic.name)
+        click.echo(f"{topic.connection.topic} → {name} ({count} message{'s' * (count != 1)})")
     if has_keyboard:
         click.echo("space bar: pause and continue; Ctrl-C: end")
 

@@ -41,9 +41,12 @@ class ArmClient:
     Args:
         joints: names, in the order of all arrays.
         still_there: called in every turn; raises if it makes no sense to go on.
+        namespace: of the arm.
     """
 
-    def __init__(self, joints: Sequence[str], still_there: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, joints: Sequence[str], still_there: Callable[[], None] = lambda: None, namespace: str = "/"
+    ) -> None:
         self._joints, self._still_there = tuple(joints), still_there
         self._rows: list[Row] = []
         self._program: Program | None = None
@@ -54,7 +57,7 @@ class ArmClient:
         self.malformed = 0
         """Messages whose fields do not fit together."""
         rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-        self.node = Node("tel_check")
+        self.node = Node("tel_check", namespace=namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._subscription = self.node.create_subscription(

@@ -73,7 +73,7 @@ class ArmGuardNode(Node):
                 (JointState, topics.JOINT_STATES, self._on_joint_state),
             )
         ]
-        self.get_logger().info(f"watches {topics.EFFORT_COMMANDS}")
+        self.get_logger().info(f"watches {self._channel.topic}")
 
     def stop(self) -> None:
         """Go on watching until there is nothing to watch."""

@@ -54,6 +54,7 @@ class BagPlayer:
         with_clock: whether to publish ``/clock`` as well.
         toggled: called now and then; true: somebody at a keyboard wants a pause, or its end.
         on_pause: called with true when a pause begins, with false when it ends.
+        namespace: of the nodes that are to hear the joint states.
 
     Raises:
         ReplayRefusedError: an arm is there, or somebody else publishes the time.
@@ -66,6 +67,7 @@ class BagPlayer:
         with_clock: bool = True,
         toggled: Callable[[], bool] = lambda: False,
         on_pause: Callable[[bool], None] = lambda paused: None,
+        namespace: str = "/",
     ) -> None:
         self._replay, self._toggled, self._said_pause = replay, toggled, on_pause
         self.skipped: list[str] = []
@@ -83,7 +85,7 @@ class BagPlayer:
         self._feeds_nodes = any(topic.name == topics.JOINT_STATES for topic in replay.topics)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         # Two replays at a time have to be told from each other.
-        self.node = Node(f"bag_player_{os.getpid()}", start_parameter_services=False)
+        self.node = Node(f"bag_player_{os.getpid()}", namespace=namespace, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         try:
@@ -248,15 +250,15 @@ class BagPlayer:
             return
         if others := self._others(self.node.get_publishers_info_by_topic(topics.JOINT_STATES)):
             raise ReplayRefusedError(
-                f"{others} publishes {topics.JOINT_STATES}: an arm is there; "
+                f"{others} publishes {self.node.resolve_topic_name(topics.JOINT_STATES)}: an arm is there; "
                 "expected none while recorded states go to the nodes"
             )
         for command_topic in topics.COMMANDS.values():
             infos = self.node.get_subscriptions_info_by_topic(command_topic)
             if others := self._others(infos, _HARMLESS_LISTENERS):
                 raise ReplayRefusedError(
-                    f"{others} listens to {command_topic}: it may be an arm, which a controller that is fed "
-                    "with recorded states would move; expected nobody"
+                    f"{others} listens to {self.node.resolve_topic_name(command_topic)}: it may be an arm, "
+                    "which a controller that is fed with recorded states would move; expected nobody"
                 )
 
     def _others(self, infos: list, harmless: frozenset[str] = frozenset()) -> str:

@@ -38,8 +38,8 @@ class CommandChannel:
         self._node, self._interface, self._author = node, interface, author
         self._source: CommandSource | None = None
         self._newest: bytes | None = None
-        self.topic = topics.COMMANDS[interface]
-        self._pub = node.create_publisher(Float64MultiArray, self.topic, qos.STREAM)
+        self._pub = node.create_publisher(Float64MultiArray, topics.COMMANDS[interface], qos.STREAM)
+        self.topic: str = self._pub.topic_name
 
     def open(self, source: CommandSource) -> None:
         """Pass on, from now on, what this source permits."""

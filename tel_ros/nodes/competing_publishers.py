@@ -20,7 +20,11 @@ class CompetingPublishers:
     """
 
     def __init__(self, node: Node, command_topic: str) -> None:
-        self._node, self._command_topic = node, command_topic
+        self._node = node
+        self._command_topic = node.resolve_topic_name(command_topic)
+        self._states_topic = node.resolve_topic_name(topics.JOINT_STATES)
+        guard = topics.absolute(topics.ARM_GUARD, node.get_namespace())
+        self._ours = {_shown(node.get_fully_qualified_name()), _shown(guard)}
         self.of_commands = ""
         """Who commands the arm as well, in words; empty: nobody does, apart from the guard."""
         self.of_states = ""
@@ -32,13 +36,13 @@ class CompetingPublishers:
 
     def look(self) -> None:
         """Look again."""
-        others = set(self._publishers(self._command_topic)) - {self._node.get_name(), topics.ARM_GUARD}
+        others = set(self._publishers(self._command_topic)) - self._ours
         self.of_commands = (
             f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too" if others else ""
         )
-        speakers = self._publishers(topics.JOINT_STATES)
+        speakers = self._publishers(self._states_topic)
         self.of_states = (
-            f"{' and '.join(speakers)} publish {topics.JOINT_STATES}: who speaks for the arm?"
+            f"{' and '.join(speakers)} publish {self._states_topic}: who speaks for the arm?"
             if len(speakers) > 1
             else ""
         )
@@ -49,4 +53,10 @@ class CompetingPublishers:
         if self._node.count_publishers(topic) <= 1:
             return []
         infos = self._node.get_publishers_info_by_topic(topic)
-        return sorted(info.node_name for info in infos if info.node_name != _UNKNOWN_NODE)
+        known = [info for info in infos if info.node_name != _UNKNOWN_NODE]
+        return sorted(_shown(topics.absolute(info.node_name, info.node_namespace)) for info in known)
+
+
+def _shown(full_name: str) -> str:
+    """Return the name of a node as people write it where there are no namespaces."""
+    return full_name.removeprefix("/")

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.nodes.diagnostics import Health, Level
-from tel_ros.recording import topics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +20,10 @@ class ControllerStatus:
     """Number of the trial that is under way; 0: none."""
     stopped: str
     """Why an emergency stop is latched; empty: none is."""
+    reset_name: str
+    """The service that ends it."""
+    states_topic: str
+    commands_topic: str
     states_rate_hz: float
     states_age_s: float
     """Of the newest joint state, since it arrived (wall clock)."""
@@ -49,13 +52,13 @@ def controller_health(status: ControllerStatus) -> Health:
 
 def _worst(status: ControllerStatus) -> tuple[Level, str]:
     if status.stopped:
-        return Level.ERROR, f"{status.stopped}; {topics.SAFETY_RESET} ends it"
+        return Level.ERROR, f"{status.stopped}; {status.reset_name} ends it"
     if status.lifecycle != "active":
         return Level.WARN, f"{status.lifecycle}: it commands nothing"
     if not status.states_are_fresh:
-        return Level.ERROR, f"no joint states on {topics.JOINT_STATES}"
+        return Level.ERROR, f"no joint states on {status.states_topic}"
     if status.listeners == 0:
-        return Level.ERROR, f"nobody listens to {topics.EFFORT_COMMANDS}"
+        return Level.ERROR, f"nobody listens to {status.commands_topic}"
     if status.trial:
         return Level.OK, f"trial {status.trial}: {status.phase}"
     if status.last is not None and status.last.outcome == Outcome.ABORTED:

@@ -107,10 +107,11 @@ class EpControllerNode(ManagedNode):
                 callback_group=BusyGroup(),
             )
         ]
+        self._states_topic: str = self.busy_subscriptions[0].topic_name
         self.create_timer(WATCHDOG_PERIOD_S, self._watch)
         self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
-        self._ready_pub = self.create_publisher(Bool, topics.READY, qos.LATCHED)
+        self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
         self.create_timer(READY_PERIOD_S, self._publish_ready)
         self._trials = TrialServer(self, self._joints, self._begin, self._cancel, self._timer)
@@ -126,7 +127,9 @@ class EpControllerNode(ManagedNode):
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
         self._channel = CommandChannel(self, self._interface)
-        self._state_pub = self.create_publisher(ControlState, topics.CONTROL_STATES, qos.STREAM)
+        self._state_pub = self.create_publisher(
+            ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
+        )
 
     def activate(self) -> None:
         """Open the channel; nothing is commanded before the first trial.
@@ -135,7 +138,7 @@ class EpControllerNode(ManagedNode):
             TransitionRefusedError: an emergency stop is latched.
         """
         if self._safety.reason:
-            raise TransitionRefusedError(f"{self._safety.reason}; {topics.SAFETY_RESET} has to come first")
+            raise TransitionRefusedError(f"{self._safety.reason}; call {self._safety.reset_name} first")
         self._channel.open(self._controller.commands)
         self._acts = True
 
@@ -147,10 +150,12 @@ class EpControllerNode(ManagedNode):
         """
         if self._trials.busy:
             raise TransitionRefusedError(
-                f"a trial is under way; cancel it, or call {topics.SAFETY_STOP}, and wait for its end"
+                f"a trial is under way; cancel it, or call {self._safety.stop_name}, and wait for its end"
             )
         if self._moves():
-            raise TransitionRefusedError(f"the arm moves; wait for its rest, or call {topics.SAFETY_STOP}")
+            raise TransitionRefusedError(
+                f"the arm moves; wait until it rests, or call {self._safety.stop_name}"
+            )
         self._release(hold=self._holds_at_the_end)
 
     def cleanup(self) -> None:
@@ -338,11 +343,11 @@ class EpControllerNode(ManagedNode):
     def _begin(self, goal: TrialGoal) -> None:
         if not self._acts:
             raise StateError(
-                f"{topics.EP_CONTROLLER} is {self.lifecycle_state}; expected active "
-                f"(ros2 lifecycle set /{topics.EP_CONTROLLER} configure, then activate)"
+                f"{self.get_name()} is {self.lifecycle_state}; expected active "
+                f"(ros2 lifecycle set {self.get_fully_qualified_name()} configure, then activate)"
             )
         if not self._states_are_fresh():
-            raise StateError(f"no joint states on {topics.JOINT_STATES}")
+            raise StateError(f"no joint states on {self._states_topic}")
         if str(self._competing):
             raise StateError(str(self._competing))
         if self._channel.listeners == 0:
@@ -377,6 +382,9 @@ class EpControllerNode(ManagedNode):
             phase=controller.phase.name,
             trial=goal.index if goal else 0,
             stopped=self._safety.reason,
+            reset_name=self._safety.reset_name,
+            states_topic=self._states_topic,
+            commands_topic=self.resolve_topic_name(topics.COMMANDS[self._interface]),
             states_rate_hz=self._states.rate_hz(),
             states_age_s=time.monotonic() - self._last_state_at,
             states_are_fresh=self._states_are_fresh(),

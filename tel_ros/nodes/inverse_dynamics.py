@@ -37,10 +37,10 @@ class InverseDynamicsNode(Node):
         self._doing, self._trouble, self._learned = "", "", "nothing yet"
         self._revision = revision(self._network)
         self._diagnostics = Diagnostics(self, self._health)
-        self.create_service(PredictEquilibrium, topics.PREDICT, self._predict)
-        self.create_service(TrainOnTrials, topics.TRAIN, self._train)
-        self.create_service(SaveNetwork, topics.SAVE, self._save)
-        self.create_service(LoadNetwork, topics.LOAD, self._load)
+        self.create_service(PredictEquilibrium, topics.private(topics.PREDICT), self._predict)
+        self.create_service(TrainOnTrials, topics.private(topics.TRAIN), self._train)
+        self.create_service(SaveNetwork, topics.private(topics.SAVE), self._save)
+        self.create_service(LoadNetwork, topics.private(topics.LOAD), self._load)
 
     def _predict(
         self, request: PredictEquilibrium.Request, response: PredictEquilibrium.Response

@@ -132,8 +132,8 @@ class LifecycleClient:
 
     def __init__(self, node: Node, managed: str, group: CallbackGroup) -> None:
         self._managed = managed
-        self._get = node.create_client(GetState, f"/{managed}/get_state", callback_group=group)
-        self._change = node.create_client(ChangeState, f"/{managed}/change_state", callback_group=group)
+        self._get = node.create_client(GetState, f"{managed}/get_state", callback_group=group)
+        self._change = node.create_client(ChangeState, f"{managed}/change_state", callback_group=group)
 
     def bring_up(self, timeout_s: float, poll: Callable[[], None] = lambda: None) -> None:
         """Configure and activate the node, as far as it is not.

@@ -70,10 +70,6 @@ TRAINING_TIMEOUT_S = 600.0
 REPLAY_TIMEOUT_S = 600.0
 """Arm and controller of a resumed run first go through the trials of before, a second or two for each."""
 STOPPING_TIMEOUT_S = 2.5
-EMERGENCY_STOP = (
-    "emergency stop: as long as ep_controller runs on, nothing moves before "
-    f"ros2 service call {topics.SAFETY_RESET} std_srvs/srv/Trigger"
-)
 
 
 class PracticeManagerNode(Node):
@@ -103,6 +99,10 @@ class PracticeManagerNode(Node):
         self._written = self._config
         self._ready = threading.Event()
         self._stop_latched = self._stop_seen = False
+        self._emergency_stop = (
+            f"emergency stop: as long as {topics.EP_CONTROLLER} runs on, nothing moves before "
+            f"ros2 service call {self.resolve_service_name(topics.SAFETY_RESET)} std_srvs/srv/Trigger"
+        )
         for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
             self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
         self._pause = Pause(self, group)
@@ -205,7 +205,7 @@ class PracticeManagerNode(Node):
                     continue
                 if self._stop_seen:
                     # Whatever the strategy makes of a trial that was aborted: a person has said stop.
-                    ending = Ending("aborted", EMERGENCY_STOP)
+                    ending = Ending("aborted", self._emergency_stop)
                     break
                 decision = strategy.next(last, self._forecast)
                 if isinstance(decision, Ending):
@@ -220,7 +220,7 @@ class PracticeManagerNode(Node):
             summary.end(ending.outcome, ending.message)
         except TelError as error:
             if self._stop_seen:
-                summary.end("aborted", f"{EMERGENCY_STOP}; {error}")
+                summary.end("aborted", f"{self._emergency_stop}; {error}")
             else:
                 summary.end("cancelled" if self._cancelled(goal_handle) else "failed", str(error))
 
@@ -228,8 +228,9 @@ class PracticeManagerNode(Node):
         if not self._ready.wait(timeout_s):
             raise NoAnswerError(
                 f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
-                f"{topics.JOINT_STATES} and a subscriber of "
-                f"{topics.COMMANDS[self._config.arm.command_interface]}, and the arm at rest"
+                f"{self.resolve_topic_name(topics.JOINT_STATES)} and a subscriber of "
+                f"{self.resolve_topic_name(topics.COMMANDS[self._config.arm.command_interface])}, "
+                "and the arm at rest"
             )
 
     def _trial(

@@ -11,8 +11,6 @@ from std_srvs.srv import Trigger
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
 
-REASON = f"emergency stop ({topics.SAFETY_STOP})"
-
 
 class SafetyServices:
     """Latches a stop until it is reset.
@@ -36,18 +34,19 @@ class SafetyServices:
         """Why the stop is latched; empty: it is not."""
         self._stopped_pub = node.create_publisher(Bool, topics.SAFETY_STOPPED, qos.LATCHED)
         self._tell()
-        node.create_service(Trigger, topics.SAFETY_STOP, self._stop)
-        node.create_service(Trigger, topics.SAFETY_RESET, self._reset)
+        self.stop_name = node.create_service(Trigger, topics.SAFETY_STOP, self._stop).service_name
+        self.reset_name = node.create_service(Trigger, topics.SAFETY_RESET, self._reset).service_name
+        """Full names of the services."""
 
     def _tell(self) -> None:
         self._stopped_pub.publish(Bool(data=bool(self.reason)))
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.reason = REASON
+        self.reason = f"emergency stop ({self.stop_name})"
         self._stop_arm(self.reason)  # also if it is latched already: asking twice is asking to stop
         self._tell()
-        self._node.get_logger().error(f"{self.reason}: latched until {topics.SAFETY_RESET}")
-        response.success, response.message = True, f"stopped until {topics.SAFETY_RESET}"
+        self._node.get_logger().error(f"{self.reason}: latched until {self.reset_name}")
+        response.success, response.message = True, f"stopped until {self.reset_name}"
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

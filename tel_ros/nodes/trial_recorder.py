@@ -74,9 +74,14 @@ class TrialRecorderNode(Node):
         ]
         # Both wait for something; in a group of its own, so that what they wait for gets its turn meanwhile.
         self._group = ReentrantCallbackGroup()
-        self.create_service(StartRecording, topics.START_RECORDING, self._start, callback_group=self._group)
         self.create_service(
-            StopRecording, topics.STOP_RECORDING, self._stop_recording, callback_group=self._group
+            StartRecording, topics.private(topics.START_RECORDING), self._start, callback_group=self._group
+        )
+        self.create_service(
+            StopRecording,
+            topics.private(topics.STOP_RECORDING),
+            self._stop_recording,
+            callback_group=self._group,
         )
         self._diagnostics = Diagnostics(self, self._health, self._group)
 
@@ -146,11 +151,10 @@ class TrialRecorderNode(Node):
                 raise BagError(bag, f"{self._writer.bag} is being recorded", "one recording at a time")
             await self._until(lambda: not self._silent(), DISCOVERY_TIMEOUT_S)
             if self._silent():
-                raise BagError(
-                    bag, f"nothing is heard on {', '.join(self._silent())}", "the topics of a trial"
-                )
+                silent = ", ".join(map(self.resolve_topic_name, self._silent()))
+                raise BagError(bag, f"nothing is heard on {silent}", "the topics of a trial")
             metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
-            writer = TrialBagWriter(bag, metadata, self._recording)
+            writer = TrialBagWriter(bag, metadata, self._recording, self.get_namespace())
             self._write_goal(writer, request.goal)
         except (TelError, ValueError) as error:
             return self._refuse(response, error)

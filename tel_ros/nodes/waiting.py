@@ -80,18 +80,18 @@ def ask(
     while not client.service_is_ready():
         poll()
         if waited_s > timeout_s:
-            raise NoAnswerError(f"there is no service {client.srv_name} (waited {timeout_s:.1f} s)")
+            raise NoAnswerError(f"there is no service {client.service_name} (waited {timeout_s:.1f} s)")
         time.sleep(_POLL_PERIOD_S)
         waited_s += _POLL_PERIOD_S
     left_s = timeout_s
     while left_s > again_s:
         future = client.call_async(request)
         try:
-            return wait(future, again_s, client.srv_name, poll)
+            return wait(future, again_s, client.service_name, poll)
         except SilenceError:
             client.remove_pending_request(future)
         left_s -= again_s
-    return wait(client.call_async(request), left_s, client.srv_name, poll)
+    return wait(client.call_async(request), left_s, client.service_name, poll)
 
 
 def call(
@@ -109,7 +109,7 @@ def call(
     """
     response = ask(client, request, timeout_s, poll, again_s)
     if not response.success:
-        raise DeclinedError(f"{client.srv_name}: {response.message}")
+        raise DeclinedError(f"{client.service_name}: {response.message}")
     return response
 
 

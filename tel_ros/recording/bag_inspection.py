@@ -207,7 +207,8 @@ def _key(connection: Connection) -> tuple[str, int]:
 
 def _trial(reader: AnyReader) -> InspectedTrial | None:
     """Return what the result of a trial says, if the bag has exactly one that can be read."""
-    connections = [c for c in reader.connections if c.topic == topics.TRIAL_RESULT and c.msgcount]
+    named = [c for c in reader.connections if topics.is_named(c.topic, topics.TRIAL_RESULT)]
+    connections = [connection for connection in named if connection.msgcount]
     if not connections:
         return None
     results: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]

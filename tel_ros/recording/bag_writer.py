@@ -226,16 +226,27 @@ class BagWriter:
 
 
 class TrialBagWriter(BagWriter):
-    """Writes the bag of a trial: its topics and their types are known."""
+    """Writes the bag of a trial: its topics (names as in :mod:`topics`) and their types are known.
+
+    Args:
+        bag: folder of the bag.
+        metadata: stored with the bag as custom data.
+        recording: format, and how much a crash may cost.
+        namespace: put in front of the topics in the bag.
+    """
 
     def __init__(
-        self, bag: Path, metadata: Mapping[str, str], recording: RecordingConfig | None = None
+        self,
+        bag: Path,
+        metadata: Mapping[str, str],
+        recording: RecordingConfig | None = None,
+        namespace: str = "/",
     ) -> None:
         super().__init__(bag, metadata, recording)
-        store = typestore()
+        self._store, self._namespace = typestore(), namespace
+        self._names: dict[str, str] = {}
         for topic, kind in {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}.items():
-            self.add_topic(topic, kind, store, [offered_qos(topic)])
-        self._store = store
+            self._add(topic, kind)
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
         """Append one serialised message.
@@ -243,10 +254,14 @@ class TrialBagWriter(BagWriter):
         Raises:
             BagError: the disk does not take it.
         """
-        if topic not in self._connections:
+        if topic not in self._names:
             # Which of the topics of commands a trial has shows when the first one comes.
-            self.add_topic(topic, topics.RECORDED_COMMANDS[topic], self._store, [offered_qos(topic)])
-        super().write(topic, time_ns, serialised)
+            self._add(topic, topics.RECORDED_COMMANDS[topic])
+        super().write(self._names[topic], time_ns, serialised)
+
+    def _add(self, topic: str, kind: str) -> None:
+        name = self._names[topic] = topics.absolute(topic, self._namespace)
+        self.add_topic(name, kind, self._store, [offered_qos(name)])
 
     def __enter__(self) -> TrialBagWriter:
         """Return the writer."""

@@ -20,7 +20,7 @@ def offered_qos(topic: str, *, latched: bool = False) -> Qos:
         topic: its name.
         latched: whether that holds for this one, too.
     """
-    once = latched or topic in topics.RECORDED_ONCE
+    once = latched or any(topics.is_named(topic, name) for name in topics.RECORDED_ONCE)
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=1 if once else _DEPTH,

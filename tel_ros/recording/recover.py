@@ -84,7 +84,8 @@ def recover(unfinished: Path, out: Path | None = None) -> Recovery:
             counts = _rewrite(copy, out, _custom_data(unfinished), storage)
     except OSError as error:
         raise BagError(unfinished, f"cannot be recovered ({error})", "room on the disk") from error
-    return Recovery(out, counts, lost_bytes, counts.get(topics.TRIAL_RESULT, 0) > 0)
+    has_result = any(n > 0 for name, n in counts.items() if topics.is_named(name, topics.TRIAL_RESULT))
+    return Recovery(out, counts, lost_bytes, has_result)
 
 
 def _data_file(unfinished: Path) -> tuple[Path, Literal["mcap", "sqlite3"]]:

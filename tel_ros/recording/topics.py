@@ -1,49 +1,53 @@
-"""Names of the topics, services and actions, and the types of what is recorded."""
+"""Names of the topics, services and actions, and the types of what is recorded.
 
-JOINT_STATES = "/joint_states"
+All but two are relative: a node's namespace and remapping rules apply to them, so that two arms can practise
+side by side. A bag holds them with the namespace in front (:func:`absolute`).
+"""
+
+JOINT_STATES = "joint_states"
 """sensor_msgs/JointState, as stock ``joint_state_broadcaster`` publishes it."""
-EFFORT_COMMANDS = "/effort_controller/commands"
+EFFORT_COMMANDS = "effort_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``JointGroupEffortController`` takes it."""
 EP_CONTROLLER = "ep_controller"
 """Name of the managed node that commands the arm."""
 ARM_GUARD = "arm_guard"
 """Name of the node that commands it in its place."""
-POSITION_COMMANDS = "/position_controller/commands"
+POSITION_COMMANDS = "position_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``ForwardCommandController`` of positions takes it."""
 COMMANDS = {"effort": EFFORT_COMMANDS, "position": POSITION_COMMANDS}
 """``arm.command_interface`` to topic."""
-CONTROL_STATES = "/ep_controller/state"
-READY = "/ep_controller/ready"
+CONTROL_STATES = "ep_controller/state"
+READY = "ep_controller/ready"
 """std_msgs/Bool, latched: the controller is active, joint states arrive, somebody listens to its commands."""
 
-SAFETY_STOP = "/safety/stop"
+SAFETY_STOP = "safety/stop"
 """std_srvs/Trigger: the trial under way is aborted, the arm braked; nothing starts before the reset."""
-SAFETY_RESET = "/safety/reset"
+SAFETY_RESET = "safety/reset"
 """std_srvs/Trigger: refused while the arm moves."""
-SAFETY_STOPPED = "/safety/stopped"
+SAFETY_STOPPED = "safety/stopped"
 """std_msgs/Bool, latched: whether an emergency stop waits for its reset."""
 CLOCK = "/clock"
-"""rosgraph_msgs/Clock: the time of a replay, for nodes that go by it (``use_sim_time``)."""
+"""rosgraph_msgs/Clock, global: the time of a replay, for nodes with ``use_sim_time``."""
 DIAGNOSTICS = "/diagnostics"
-"""diagnostic_msgs/DiagnosticArray, as everywhere in ROS."""
+"""diagnostic_msgs/DiagnosticArray, global as everywhere in ROS: the status names carry the namespace."""
 
-TRIAL_GOAL = "/practice/trial_goal"
+TRIAL_GOAL = "practice/trial_goal"
 """tel_interfaces/TrialGoal, latched: what the trial under way was asked to do; in a bag, what it was."""
-TRIAL_RESULT = "/practice/trial_result"
+TRIAL_RESULT = "practice/trial_result"
 
-PAUSE = "/practice/pause"
+PAUSE = "practice/pause"
 """std_srvs/SetBool: whether the run waits before its next trial; the one under way goes on to its end."""
-PAUSED = "/practice/paused"
+PAUSED = "practice/paused"
 """std_msgs/Bool, latched: what has been asked for last."""
 
-EXECUTE_TRIAL = "/execute_trial"
-PRACTICE = "/practice"
-PREDICT = "/inverse_dynamics/predict"
-TRAIN = "/inverse_dynamics/train"
-SAVE = "/inverse_dynamics/save"
-LOAD = "/inverse_dynamics/load"
-START_RECORDING = "/trial_recorder/start"
-STOP_RECORDING = "/trial_recorder/stop"
+EXECUTE_TRIAL = "execute_trial"
+PRACTICE = "practice"
+PREDICT = "inverse_dynamics/predict"
+TRAIN = "inverse_dynamics/train"
+SAVE = "inverse_dynamics/save"
+LOAD = "inverse_dynamics/load"
+START_RECORDING = "trial_recorder/start"
+STOP_RECORDING = "trial_recorder/stop"
 
 RECORDED_LIVE = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
@@ -59,3 +63,18 @@ RECORDED_ONCE = {
     TRIAL_RESULT: "tel_interfaces/msg/TrialResult",
 }
 """Written into each bag once, at its beginning or end: topic to type."""
+
+
+def private(topic: str) -> str:
+    """Return the private name of a topic or service, for the node that owns it: it follows a renamed node."""
+    return f"~/{topic.partition('/')[2]}"
+
+
+def absolute(topic: str, namespace: str = "/") -> str:
+    """Return the full name of a topic in a namespace, whatever it is remapped to: its name in a bag."""
+    return f"{namespace.rstrip('/')}/{topic}"
+
+
+def is_named(name: str, topic: str) -> bool:
+    """Return whether a full name is that of a topic, in whatever namespace."""
+    return name.endswith(f"/{topic}")

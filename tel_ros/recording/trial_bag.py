@@ -125,7 +125,7 @@ def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
 
 
 def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
-    """Return time [ns] and content of all messages of a topic of a closed bag.
+    """Return time [ns] and content of all messages of a topic (of :mod:`topics`) of a closed bag.
 
     Raises:
         BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
@@ -299,9 +299,9 @@ def _messages(reader: AnyReader, bag: Path, topic: str) -> list[Any]:
 
 
 def _timed_messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
-    connections = [c for c in reader.connections if c.topic == topic]
+    connections = [c for c in reader.connections if topics.is_named(c.topic, topic)]
     if not connections:
-        raise BagError(bag, f"has no topic {topic}", "a bag of a trial")
+        raise BagError(bag, f"has no topic {topics.absolute(topic)}", "a bag of a trial")
     messages = [
         (time_ns, reader.deserialize(raw, c.msgtype))
         for c, time_ns, raw in reader.messages(connections=connections)
@@ -309,6 +309,8 @@ def _timed_messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int,
     announced = sum(connection.msgcount for connection in connections)
     if len(messages) != announced:
         raise BagError(
-            bag, f"yields {len(messages)} messages of {topic}", f"the {announced} that it announces"
+            bag,
+            f"yields {len(messages)} messages of {connections[0].topic}",
+            f"the {announced} that it announces",
         )
     return messages

@@ -49,7 +49,7 @@ def test_a_node_that_answers_is_asked_again_and_again(asked: Asked, liveness: Li
         later(asked, ASK_PERIOD_S + 0.1)
         liveness.check()
         asked.requests[-1].set_result(None)
-    assert asked.name == "/practice_manager/get_parameters"
+    assert asked.name == "practice_manager/get_parameters"
     assert len(asked.requests) == 50
 
 

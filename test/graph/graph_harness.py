@@ -198,7 +198,7 @@ class Graph:
     def change_state(self, transition: int) -> bool:
         """Ask the controller for a transition; return whether it has done it."""
         request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(self.call(ChangeState, f"/{topics.EP_CONTROLLER}/change_state", request).success)
+        return bool(self.call(ChangeState, f"{topics.EP_CONTROLLER}/change_state", request).success)
 
     def activate_controller(self) -> None:
         """Configure and activate the controller."""

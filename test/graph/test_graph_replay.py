@@ -55,14 +55,14 @@ def test_what_is_heard_is_what_was_recorded(graph: Callable[..., Graph], tmp_pat
     heard: dict[str, list[bytes]] = {topic: [] for topic in _TOPICS}
     for topic, kind in _TOPICS.items():
         client.node.create_subscription(
-            kind, f"/replay{topic}", heard[topic].append, qos.EVERYTHING, raw=True
+            kind, f"/replay/{topic}", heard[topic].append, qos.EVERYTHING, raw=True
         )
     ticks = client.listen(Clock, topics.CLOCK)
     with open_any_bag(bag) as reader:
         replay = Replay(bag, reader, ReplayOptions())
         with BagPlayer(replay) as player:
             # What is known to the graph may not be connected yet; volatile messages are for connected ones.
-            awaited = [player._clock, *(player._publishers[f"/replay{topic}"] for topic in _TOPICS)]
+            awaited = [player._clock, *(player._publishers[f"/replay/{topic}"] for topic in _TOPICS)]
             client.spin_until(
                 lambda: all(publisher.get_subscription_count() > 0 for publisher in awaited),
                 20.0,
@@ -75,7 +75,7 @@ def test_what_is_heard_is_what_was_recorded(graph: Callable[..., Graph], tmp_pat
             published.join(timeout=30.0)
             late: list[bytes] = []
             client.node.create_subscription(
-                TrialGoal, f"/replay{topics.TRIAL_GOAL}", late.append, qos.LATCHED, raw=True
+                TrialGoal, f"/replay/{topics.TRIAL_GOAL}", late.append, qos.LATCHED, raw=True
             )
             client.spin_until(lambda: bool(late), 20.0, "the goal, heard late")
     assert late == [raw for topic, _, raw in trial.messages() if topic == topics.TRIAL_GOAL]

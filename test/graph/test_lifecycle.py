@@ -19,7 +19,7 @@ pytestmark = pytest.mark.timeout(400)
 
 
 def state(running: Graph) -> int:
-    answer = running.call(GetState, f"/{topics.EP_CONTROLLER}/get_state", GetState.Request())
+    answer = running.call(GetState, f"{topics.EP_CONTROLLER}/get_state", GetState.Request())
     return int(answer.current_state.id)
 
 

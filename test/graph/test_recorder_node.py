@@ -109,7 +109,8 @@ def test_a_trial_is_recorded_into_the_configured_storage(
     state(node, 5)
     stopped = stop(node, 5)
     assert stopped.success, stopped.message
-    counts = dict(zip(stopped.topics, stopped.message_counts, strict=True))
+    names = [name.removeprefix("/") for name in stopped.topics]
+    counts = dict(zip(names, stopped.message_counts, strict=True))
     assert counts[topics.JOINT_STATES] == 6
     assert counts[topics.CONTROL_STATES] == counts[topics.EFFORT_COMMANDS] == 5
     information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
@@ -126,7 +127,7 @@ def test_the_goal_is_on_the_disk_before_the_trial_begins(
     node, bag = recorder(f"recording.storage:={storage}"), tmp_path / "trial_001"
     assert start(node, bag).success
     found = recover(bag.parent / UNFINISHED / bag.name)
-    assert found.counts[topics.TRIAL_GOAL] == 1
+    assert found.counts[f"/{topics.TRIAL_GOAL}"] == 1
     with AnyReader([found.bag]) as reader:
         ((connection, time_ns, raw),) = reader.messages()
         assert time_ns == START_NS, "the newest joint state"

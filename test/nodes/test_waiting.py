@@ -11,7 +11,7 @@ from tel_ros.nodes.waiting import NoAnswerError, SilenceError, ask
 class Service:
     """A service whose first answers get lost, and its client."""
 
-    srv_name = "/service"
+    service_name = "/service"
 
     def __init__(self, lost: int) -> None:
         self.lost, self.asked, self.given_up = lost, 0, 0

@@ -74,6 +74,10 @@ class SyntheticTrial:
         yield topics.TRIAL_GOAL, self.start_ns, self._goal()
         yield topics.TRIAL_RESULT, int(self.time_ns[self.n - 1]), self._result()
 
+    def recorded(self) -> list[tuple[str, int, bytes]]:
+        """Return the same messages, with the full names that topics have in a bag."""
+        return [(f"/{topic}", time_ns, data) for topic, time_ns, data in self.messages()]
+
     def write(
         self,
         bag: Path,

@@ -31,7 +31,7 @@ def test_a_trial_is_told_with_its_result_its_topics_and_what_was_stored_with_it(
     assert found.duration_s == pytest.approx((total - 1) * 0.002)
     assert found.size_bytes == sum(file.stat().st_size for file in trial_bag.iterdir())
     by_name = {topic.name: topic for topic in found.topics}
-    states, goal = by_name[topics.JOINT_STATES], by_name[topics.TRIAL_GOAL]
+    states, goal = by_name[f"/{topics.JOINT_STATES}"], by_name[f"/{topics.TRIAL_GOAL}"]
     assert (states.announced, states.found, states.latched) == (total, total, False)
     assert states.rate_hz == pytest.approx(500.0)
     assert states.longest_gap_s == pytest.approx(0.002)

@@ -66,7 +66,7 @@ def test_a_bag_tells_players_to_be_reliable_and_to_keep_what_comes_once_for_late
         offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
     assert {qos.reliability for (qos,) in offered.values()} == {QosReliability.RELIABLE}
     late = {topic for topic, (qos,) in offered.items() if qos.durability == QosDurability.TRANSIENT_LOCAL}
-    assert late == {topics.TRIAL_GOAL, topics.TRIAL_RESULT}
+    assert late == {f"/{topics.TRIAL_GOAL}", f"/{topics.TRIAL_RESULT}"}
 
 
 def test_data_that_have_changed_are_refused_in_either_storage(
@@ -119,7 +119,7 @@ def test_a_clock_that_jumps_back_does_not_keep_messages_from_the_disk(
         writer.write(topics.JOINT_STATES, round(time_s * NS_PER_S), data)
     shutil.copytree(tmp_path / UNFINISHED, tmp_path / "crashed" / UNFINISHED)
     writer.abandon()
-    assert recover(tmp_path / "crashed" / UNFINISHED / "trial_003").counts[topics.JOINT_STATES] == 2
+    assert recover(tmp_path / "crashed" / UNFINISHED / "trial_003").counts[f"/{topics.JOINT_STATES}"] == 2
 
 
 def test_the_configuration_is_on_the_disk_before_the_first_message(

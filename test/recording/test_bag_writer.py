@@ -19,7 +19,7 @@ from tel_ros.recording.trial_bag import read_trial
 def contents(bag: Path) -> list[tuple[str, int, bytes]]:
     """Return what a plain reader finds."""
     with AnyReader([bag]) as reader:
-        return [(connection.topic, time_ns, bytes(raw)) for connection, time_ns, raw in reader.messages()]
+        return [(c.topic.removeprefix("/"), time_ns, bytes(raw)) for c, time_ns, raw in reader.messages()]
 
 
 EFFORTS = {topics.EFFORT_COMMANDS: "std_msgs/msg/Float64MultiArray"}
@@ -37,8 +37,9 @@ def test_a_plain_reader_understands_our_own_messages_without_our_definitions(
     """The bag carries the definitions; nothing of this project is needed to read it."""
     with AnyReader([trial_bag]) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
-        assert types == topics.RECORDED_LIVE | topics.RECORDED_ONCE | EFFORTS
-        connections = [c for c in reader.connections if c.topic == topics.CONTROL_STATES]
+        recorded = topics.RECORDED_LIVE | topics.RECORDED_ONCE | EFFORTS
+        assert types == {f"/{topic}": kind for topic, kind in recorded.items()}
+        connections = [c for c in reader.connections if c.topic == f"/{topics.CONTROL_STATES}"]
         states = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
     assert len(states) == 125
     assert states[17].equilibrium_rad.tolist() == trial.values["equilibrium_rad"][17].tolist()
@@ -55,8 +56,8 @@ def test_the_writer_counts_what_it_has_written(tmp_path: Path, trial: SyntheticT
     with TrialBagWriter(tmp_path / "bag", {}) as writer:
         for topic, time_ns, data in trial.messages():
             writer.write(topic, time_ns, data)
-    live = [*topics.RECORDED_LIVE, *EFFORTS]
-    assert writer.counts == dict.fromkeys(live, 125) | dict.fromkeys(topics.RECORDED_ONCE, 1)
+    live = [f"/{topic}" for topic in (*topics.RECORDED_LIVE, *EFFORTS)]
+    assert writer.counts == dict.fromkeys(live, 125) | {f"/{topic}": 1 for topic in topics.RECORDED_ONCE}
 
 
 def test_a_closed_bag_leaves_nothing_else_behind(trial_bag: Path) -> None:

@@ -69,7 +69,7 @@ def stored(request: pytest.FixtureRequest, tmp_path: Path, trial: SyntheticTrial
 def test_another_reader_finds_the_same_messages(stored: tuple[str, Path], trial: SyntheticTrial) -> None:
     storage, bag = stored
     found = [message[:3] for message in READERS[storage](bag)]
-    assert sorted(found) == sorted(trial.messages())
+    assert sorted(found) == sorted(trial.recorded())
     with AnyReader([bag]) as reader:
         ours = Counter({c.topic: c.msgcount for c in reader.connections})
     assert Counter(topic for topic, _, _ in found) == ours
@@ -79,15 +79,16 @@ def test_another_reader_finds_the_same_values(stored: tuple[str, Path]) -> None:
     storage, bag = stored
     messages = list(READERS[storage](bag))
     ours = read_trial(bag)
-    states = [m for topic, *_, m in messages if topic == topics.CONTROL_STATES and m.trial == ours.index]
+    control = [m for topic, *_, m in messages if topic == f"/{topics.CONTROL_STATES}"]
+    states = [state for state in control if state.trial == ours.index]
     for name in ("position_rad", "velocity_rad_s", "equilibrium_rad", "effort_nm", "saturated"):
         np.testing.assert_array_equal([getattr(state, name) for state in states], getattr(ours, name))
     stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in states]
     np.testing.assert_array_equal(stamps, ours.time_ns)
-    positions = [m.position for topic, *_, m in messages if topic == topics.JOINT_STATES]
+    positions = [m.position for topic, *_, m in messages if topic == f"/{topics.JOINT_STATES}"]
     np.testing.assert_array_equal(positions[: len(states)], ours.position_rad)
-    (goal,) = (m for topic, *_, m in messages if topic == topics.TRIAL_GOAL)
-    (result,) = (m for topic, *_, m in messages if topic == topics.TRIAL_RESULT)
+    (goal,) = (m for topic, *_, m in messages if topic == f"/{topics.TRIAL_GOAL}")
+    (result,) = (m for topic, *_, m in messages if topic == f"/{topics.TRIAL_RESULT}")
     assert (goal.trial, result.index, result.ticks) == (3, 3, len(ours.time_ns))
     assert result.duration_s == ours.duration_s
 
@@ -100,7 +101,7 @@ def test_a_checker_of_bags_finds_the_announced_messages_at_the_same_times(
     assert (checked.storage, checked.reader_warnings) == (storage, [])
     times = {topic: list(series.timestamps_ns) for topic, series in checked.topics.items()}
     expected: dict[str, list[int]] = {}
-    for topic, time_ns, _ in trial.messages():
+    for topic, time_ns, _ in trial.recorded():
         expected.setdefault(topic, []).append(time_ns)
     assert times == expected
     assert checked.metadata_topic_counts == {topic: len(stamps) for topic, stamps in times.items()}

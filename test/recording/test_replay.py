@@ -49,11 +49,11 @@ def heard(bag: Path, **options: object) -> list[tuple[str, int, bytes]]:
 def test_no_topic_of_a_replay_has_a_name_that_an_arm_listens_to(
     trial_bag: Path, tmp_path: Path, states_to_nodes: bool
 ) -> None:
-    commands = [(topic, TEXT, 0, text("")) for topic in topics.COMMANDS.values()]
+    commands = [(topic, TEXT, 0, text("")) for topic in map(topics.absolute, topics.COMMANDS.values())]
     bags = [trial_bag, write_bag(tmp_path / "commands", [*ROWS, *commands])]
     for bag in bags:
         published = names(bag, states_to_nodes=states_to_nodes)
-        assert set(topics.COMMANDS.values()) & set(published)
+        assert set(map(topics.absolute, topics.COMMANDS.values())) & set(published)
         own = {name for name in published.values() if not name.startswith("/replay/")}
         assert own == ({topics.JOINT_STATES} if states_to_nodes else set())
 
@@ -61,7 +61,7 @@ def test_no_topic_of_a_replay_has_a_name_that_an_arm_listens_to(
 def test_states_for_the_nodes_get_the_name_that_these_listen_to_whatever_it_was(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ROWS)
     published = names(bag, states_to_nodes=True)
-    assert published["/arm/joint_states"] == "/joint_states"
+    assert published["/arm/joint_states"] == "joint_states"
     assert published["/note"] == "/replay/note"
 
 
@@ -70,9 +70,7 @@ def test_several_topics_of_states_are_not_guessed_from(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", [*ROWS, second])
     with pytest.raises(BagError, match="/arm/joint_states, /other/joint_states; expected exactly one"):
         names(bag, states_to_nodes=True)
-    assert names(bag, states_to_nodes=True, patterns=("/other/*",)) == {
-        "/other/joint_states": "/joint_states"
-    }
+    assert names(bag, states_to_nodes=True, patterns=("/other/*",)) == {"/other/joint_states": "joint_states"}
     with pytest.raises(BagError, match="joint states: none"):
         names(bag, states_to_nodes=True, patterns=("/note",))
 
@@ -95,7 +93,7 @@ def test_the_goal_of_a_trial_comes_when_it_began_although_it_was_written_last(tm
     trial = SyntheticTrial()
     found = heard(trial.write(tmp_path / "bag"))
     assert sorted(time_ns for _, time_ns, _ in found) == [time_ns for _, time_ns, _ in found]
-    assert sorted(found) == sorted(trial.messages())
+    assert sorted(found) == sorted(trial.recorded())
 
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE3])

@@ -358,7 +358,7 @@ def test_a_bag_of_something_else_is_refused(tmp_path: Path, trial: SyntheticTria
     bag = tmp_path / "other"
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection(
-            topics.JOINT_STATES, "sensor_msgs/msg/JointState", typestore=typestore()
+            f"/{topics.JOINT_STATES}", "sensor_msgs/msg/JointState", typestore=typestore()
         )
         writer.write(connection, 0, next(trial.messages())[2])
     with pytest.raises(BagError, match="other: has no topic /ep_controller/state; expected a bag of a trial"):

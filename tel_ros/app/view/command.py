@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from tel_ros.app.config_argument import config_argument
+from tel_ros.app.config_argument import config_argument, namespace_option
 from tel_ros.app.errors import EXIT_BAD_INPUT, end
 from tel_ros.app.view.errors import ViewError
 from tel_ros.core.errors import TelError
@@ -45,7 +45,7 @@ def new_token() -> str:
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
-def beside_run(with_view: bool, console: Console) -> Beside:
+def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Beside:
     """Return what goes on beside a practice run: the live view, or nothing.
 
     Raises:
@@ -61,7 +61,7 @@ def beside_run(with_view: bool, console: Console) -> Beside:
     def tell(line: str) -> None:
         console.print(f"view    {line}", highlight=False, soft_wrap=True, markup=False)
 
-    return lambda config_file, log_folder: ViewProcess(config_file, log_folder, new_token(), tell)
+    return lambda config_file, log_folder: ViewProcess(config_file, log_folder, new_token(), tell, namespace)
 
 
 @click.command()
@@ -69,8 +69,9 @@ def beside_run(with_view: bool, console: Console) -> Beside:
 @click.option(
     "--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key, as in practice."
 )
+@namespace_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page. Default: any free one.")
-def view(config_file: Path, overrides: tuple[str, ...], port: int) -> None:
+def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: int) -> None:
     """Show a graph that is running, in the browser: a simulated or a real arm.
 
     CONFIG is the configuration of the run, or run.yaml in its folder. The page is at the link that is
@@ -91,6 +92,7 @@ def view(config_file: Path, overrides: tuple[str, ...], port: int) -> None:
             port,
             lambda link: out.print(f"view    {link}", highlight=False, soft_wrap=True, markup=False),
             lambda: bool(stopping),
+            namespace,
         )
     except TelError as error:
         end(str(error), EXIT_BAD_INPUT)

@@ -25,10 +25,19 @@ class ViewProcess:
         log_folder: gets ``view.log``.
         token: the secret in the link.
         tell: called, from another thread, with the link, or with why there is none.
+        namespace: of the graph.
     """
 
-    def __init__(self, config_file: Path, log_folder: Path, token: str, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        config_file: Path,
+        log_folder: Path,
+        token: str,
+        tell: Callable[[str], None],
+        namespace: str = "/",
+    ) -> None:
         self._config_file, self._log_folder, self._token, self._tell = config_file, log_folder, token, tell
+        self._namespace = namespace
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> ViewProcess:
@@ -36,7 +45,7 @@ class ViewProcess:
         self._log_folder.mkdir(parents=True, exist_ok=True)
         with (self._log_folder / "view.log").open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", _MODULE, str(self._config_file), "0"],
+                [sys.executable, "-m", _MODULE, str(self._config_file), "0", self._namespace],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

@@ -117,7 +117,7 @@ class GraphView:
 
     def _ask(self, client: Client, request: Any, what: str, urgent: bool = False) -> None:
         if not client.service_is_ready():
-            self._say(f"{what}: nobody offers {client.srv_name}", urgent, bad=True)
+            self._say(f"{what}: nobody offers {client.service_name}", urgent, bad=True)
             return
         future = client.call_async(request)
         self._asked.append((what, urgent, time.monotonic(), future))

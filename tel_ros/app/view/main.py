@@ -154,9 +154,9 @@ class LiveView:
 
 
 @contextlib.contextmanager
-def _node() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("tel_view")
+    node = Node("tel_view", namespace=namespace)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
@@ -172,7 +172,12 @@ def be_modest() -> None:
 
 
 def watch(
-    config: Config, token: str, port: int, on_open: Callable[[str], None], ended: Callable[[], bool]
+    config: Config,
+    token: str,
+    port: int,
+    on_open: Callable[[str], None],
+    ended: Callable[[], bool],
+    namespace: str = "/",
 ) -> None:
     """Show a graph until it is enough.
 
@@ -182,11 +187,12 @@ def watch(
         port: of the page; 0: any that is free.
         on_open: called with the link when the page is there.
         ended: looked at at least twenty times a second.
+        namespace: of the graph.
 
     Raises:
         TelError: as :class:`LiveView`.
     """
-    with contextlib.redirect_stdout(sys.stderr), _node() as (node, executor):  # viser talks
+    with contextlib.redirect_stdout(sys.stderr), _node(namespace) as (node, executor):  # viser talks
         view = LiveView(config, node, token, port)
         try:
             on_open(view.link)
@@ -208,7 +214,7 @@ def watch(
 
 
 def main() -> None:
-    """Run as a process beside ``tel practice``: arguments are the configuration and the port.
+    """Run as a process beside ``tel practice``: arguments are the configuration, the port and the namespace.
 
     The token comes on standard input, where no list of processes shows it; the link goes to standard output.
     """
@@ -223,7 +229,8 @@ def main() -> None:
         print(link, file=out, flush=True)
 
     try:
-        watch(load_config(Path(sys.argv[1])), token, int(sys.argv[2]), tell, lambda: bool(stopping))
+        config, port, namespace = load_config(Path(sys.argv[1])), int(sys.argv[2]), sys.argv[3]
+        watch(config, token, port, tell, lambda: bool(stopping), namespace)
     except TelError as error:
         print(f"no live view: {error}", file=out, flush=True)
         sys.exit(2)

@@ -79,7 +79,7 @@ def test_recorded_types_and_offers_are_as_they_were(exported: Export) -> None:
 
 
 def test_the_error_is_the_one_that_the_trials_result_tells(exported: Export) -> None:
-    results = [result for _, result in messages(exported.folder, topics.TRIAL_RESULT)]
+    results = [result for _, result in messages(exported.folder, f"/{topics.TRIAL_RESULT}")]
     errors = messages(exported.folder, exported_topics.ERROR)
     for trial, result in zip(exported.trials, results, strict=True):
         begin_ns, end_ns = round(trial.begin_s * NS_PER_S), round(trial.end_s * NS_PER_S)
@@ -89,7 +89,8 @@ def test_the_error_is_the_one_that_the_trials_result_tells(exported: Export) -> 
 
 
 def test_links_put_the_hand_where_the_joint_states_say(exported: Export) -> None:
-    states = {time_ns: state.position for time_ns, state in messages(exported.folder, topics.JOINT_STATES)}
+    heard = messages(exported.folder, f"/{topics.JOINT_STATES}")
+    states = {time_ns: state.position for time_ns, state in heard}
     ((_, still),) = messages(exported.folder, exported_topics.TF_STATIC)
     transforms = messages(exported.folder, exported_topics.TF)
     assert {t.header.frame_id for t in still.transforms} | {"base", "upper_arm"} == {
@@ -209,7 +210,7 @@ def test_a_trial_of_another_arm_is_left_out(run: Path, tmp_path: Path) -> None:
         for connection in reader.connections:
             writer.add_topic(connection.topic, connection.msgtype, reader.typestore)
         for connection, time_ns, raw in reader.messages():
-            if connection.topic in topics.RECORDED_ONCE:
+            if connection.topic.removeprefix("/") in topics.RECORDED_ONCE:
                 message = reader.deserialize(raw, connection.msgtype)
                 message.joint_names = swapped  # type: ignore[attr-defined]
                 raw = reader.typestore.serialize_cdr(message, connection.msgtype)
