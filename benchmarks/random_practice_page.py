@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import binomtest
 
-from tel_ros.app.figure_export import BLUE, GREEN, ORANGE, PURPLE, SOFT, figure_style, save_figure
+from tel_ros.app.plotting import BLUE, GREEN, ORANGE, PURPLE, SOFT, figure_style, save_figure
 from tel_ros.core.config import Config
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from practice import markdown
 from theory_figure import figure
 from theory_runs import ROOT, RUNS, TOLERANCE_RAD, Measured, Run, measure
 
-from tel_ros.app.figure_export import figure_style, save_figure
+from tel_ros.app.plotting import figure_style, save_figure
 
 
 def number(value: float) -> str:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from theory_runs import Measured
 
-from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 
 Line = tuple[str, Callable[[Measured], float], dict[str, object]]
 

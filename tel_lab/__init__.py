@@ -9,6 +9,6 @@ ENTRY_POINTS = {
         "study": "tel_lab.study:study_command",
         "sweep": "tel_lab.sweep.sweep_command:sweep",
     },
-    "tel_ros.report": {"theory": "tel_lab.theory.run_theory:run_theory"},
+    "tel_ros.report_sections": {"theory": "tel_lab.theory.run_theory:SECTION"},
 }
 """What it adds to tel: group → name → place. setup.py installs it, and a checkout reads it from here."""

@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 from tel_lab.comparison.comparison_table import GIVEN_MARK, GIVEN_NOTE, NEVER, NONE, heading, middle, values
 from tel_lab.comparison.method_runs import Comparison
 from tel_lab.comparison.results import COLUMNS, Column
-from tel_ros.app.figure_export import BLUE, FAINT, GREY, INK, ORANGE, SOFT
+from tel_ros.app.plotting import BLUE, FAINT, GREY, INK, ORANGE, SOFT
 
 WIDTH_IN = 10.5
 _ROW_IN = 0.27

@@ -7,7 +7,7 @@ from pathlib import Path
 from tel_lab.comparison.comparison_figure import comparison_figure
 from tel_lab.comparison.comparison_table import csv_text, json_text, page
 from tel_lab.comparison.method_runs import Comparison
-from tel_ros.app.figure_export import figure_style, save_figure
+from tel_ros.app.plotting import figure_style, save_figure
 from tel_ros.core.errors import InputFileError
 
 NAME = "comparison"

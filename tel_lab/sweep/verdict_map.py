@@ -15,8 +15,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from tel_lab.sweep.plan import MapPlan
 from tel_lab.sweep.point import FAILED, MEASURES
-from tel_ros.app.figure_export import INK, PAPER, SOFT, figure_style, save_figure
-from tel_ros.app.figures import WIDTH_IN
+from tel_ros.app.plotting import INK, PAPER, SOFT, WIDTH_IN, figure_style, save_figure
 
 Row = Mapping[str, Any]
 

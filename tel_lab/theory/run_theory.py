@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
-from tel_ros.app.figure_export import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
-from tel_ros.app.figures import WIDTH_IN
-from tel_ros.app.report_data import RunData, TrialSummary
-from tel_ros.app.trial_figures import over_trials
+from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, WIDTH_IN
+from tel_ros.app.report.data import RunData, TrialSummary
+from tel_ros.app.report.figures import over_trials
+from tel_ros.app.report.page import Content, Section, block
 from tel_ros.core.errors import TelError
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.recording.network_file import load_network
@@ -34,10 +35,6 @@ class RunTheory:
     estimates: tuple[TheoryEstimate, ...]
     missing: str
 
-    def figure(self) -> Figure:
-        """Return errors and factors over the trials; there has to be an estimate."""
-        return theory_figure(self.trials, self.estimates)
-
 
 def run_theory(run: RunData) -> RunTheory:
     """Return what the theorems speak of for all trials of a run that were learned from.
@@ -46,7 +43,7 @@ def run_theory(run: RunData) -> RunTheory:
     """
     if not run.varies_speed_alone:
         return RunTheory((), (), "The theorems are measured on runs in which only the speed varies.")
-    learned = [trial for trial in run.trials if trial.bag is not None and trial.was_learned_from]
+    learned = [trial for trial in run.trials if trial.bag and trial.was_learned_from]
     done: list[TrialSummary] = []
     estimates: list[TheoryEstimate] = []
     monitor: TheoryMonitor | None = None
@@ -56,7 +53,7 @@ def run_theory(run: RunData) -> RunTheory:
         try:
             before = load_network(network_after(run.folder, before_index))
             after = load_network(network_after(run.folder, trial.index))
-            signals = read_trial(run.folder / str(trial.bag)).signals()
+            signals = read_trial(run.folder / trial.bag).signals()
             monitor = monitor or TheoryMonitor(before.context.input_range, run.config.learning.training)
             samples = configured_samples(signals, run.config.learning)
             estimate = monitor.after_trial(trial.alpha, trial.duration_s, signals, samples, before, after)
@@ -68,6 +65,25 @@ def run_theory(run: RunData) -> RunTheory:
         latest = trial.index
     missing = "" if done else "No trial of this run was learned from."
     return RunTheory(tuple(done), tuple(estimates), missing)
+
+
+def theory(run: RunData) -> Content:
+    """The section of a report: figure and table."""
+    found = run_theory(run)
+    if not found.estimates:
+        return Content(caption=found.missing)
+    rows = list(zip(found.trials, found.estimates, strict=True))
+    return Content(
+        theory_figure(found.trials, found.estimates),
+        "What the paper's theorems are about. Left: the error of the command, which causes the tracking "
+        "error and on an arm can only be estimated, and what Theorem 3 allows a step in speed to add to it. "
+        "Right: training is sure to help only where k_R is below 1. Near 1 the network learns where the arm "
+        "goes instead of where it should go. " + found.missing,
+        block("theory.html.j2", "theory", Path(__file__).parent, rows=rows),
+    )
+
+
+SECTION = Section("theory", "What the theorems say", theory, "theory")
 
 
 def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:

@@ -9,13 +9,13 @@ from tel_ros.app.command_group import CommandGroup
 from tel_ros.app.extensions import extensions
 
 COMMANDS = {
-    "bag": "tel_ros.app.bag_command:bag",
+    "bag": "tel_ros.app.bag.command:bag",
     "check": "tel_ros.app.check_command:check",
     "configs": "tel_ros.app.configs_command:configs",
     "predict": "tel_ros.app.predict_command:predict",
     "practice": "tel_ros.app.practice_command:practice",
     "replay": "tel_ros.app.replay_command:replay",
-    "report": "tel_ros.app.report_command:report",
+    "report": "tel_ros.app.report.command:report",
     "train": "tel_ros.app.train_command:train",
     "view": "tel_ros.app.view.command:view",
 }

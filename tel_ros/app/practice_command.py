@@ -119,7 +119,7 @@ def practice(
 
 def _report_at_the_end(folder: Path, as_json: bool) -> None:
     """Make the report of a run that has ended; if that fails, the run is still what it was."""
-    from tel_ros.app.report import write_report  # late: plotting takes a second to import
+    from tel_ros.app.report.run import write_report  # late: plotting takes a second to import
 
     try:
         file = write_report(folder)

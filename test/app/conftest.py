@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from made_up_run import MakeRun, Trial, trials, write_run  # noqa: E402
 
-from tel_ros.app.report import write_report  # noqa: E402
-from tel_ros.app.report_data import RunData, read_run  # noqa: E402
+from tel_ros.app.report.data import RunData, read_run  # noqa: E402
+from tel_ros.app.report.run import write_report  # noqa: E402
 from tel_ros.core.trial import Outcome  # noqa: E402
 
 

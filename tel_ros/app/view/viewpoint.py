@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tel_ros.app.hand_path import drawing_plane
+from tel_ros.app.plane import drawing_plane
 from tel_ros.core.types import FloatArray
 
 _OBLIQUE = np.array([1.0, -1.4, 0.8])

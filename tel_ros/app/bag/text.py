@@ -1,0 +1,111 @@
+"""What ``tel bag info`` says, for people and for scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Any
+
+from rich.table import Table
+
+from tel_ros.app.report.text import seconds, significant
+from tel_ros.app.tables import simple_table
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.bag_inspection import InspectedBag, InspectedTrial
+from tel_ros.recording.run_folder import json_ready
+
+_TIMES_OF_DAY_NS = 1_000_000_000 * NS_PER_S
+"""Stamps from here on (September 2001) are times of day; simulated time begins at zero."""
+_LONGEST = 120
+"""Of longer stored texts, and those of several lines, only the size is shown."""
+
+
+def plain(bag: InspectedBag) -> dict[str, Any]:
+    """Return everything that is known of a bag, ready for JSON."""
+    ready: dict[str, Any] = json_ready(
+        asdict(bag)
+        | {
+            "path": str(bag.path),
+            "wholeness": bag.wholeness.name.lower(),
+            "is_good": bag.wholeness.is_good,
+            "n_messages": bag.n_messages,
+        }
+    )
+    return ready
+
+
+def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
+    """Yield heading and text of each line above the table of topics."""
+    yield "bag", str(bag.path)
+    yield "state", bag.wholeness.value + (f" ({bag.problem})" if bag.problem else "")
+    version = "" if bag.version is None else f", rosbag2 version {bag.version}"
+    each = f", {bag.size_bytes / bag.n_messages:.0f} bytes a message" if bag.n_messages else ""
+    yield "storage", f"{bag.storage or 'unknown'}{version}, {size(bag.size_bytes)}{each}"
+    if bag.n_messages:
+        yield "time", f"{bag.duration_s:.3f} s from {moment(bag.start_ns)}"
+    if bag.trial is not None:
+        yield "trial", trial_text(bag.trial)
+        yield "joints", ", ".join(bag.trial.joints)
+    versions = [
+        f"{key.removeprefix('version.')} {value}"
+        for key, value in sorted(bag.metadata.items())
+        if key.startswith("version.")
+    ]
+    for key, value in sorted(bag.metadata.items()):
+        if not key.startswith("version."):
+            instead = f"{len(value.splitlines())} lines, {len(value)} characters (--json shows them)"
+            yield key, instead if "\n" in value or len(value) > _LONGEST else value
+    if versions:
+        yield "versions", ", ".join(versions)
+
+
+def topic_table(bag: InspectedBag) -> Table:
+    """Return one row a topic."""
+    table = simple_table("topic", "type", "messages", "rate Hz", "longest gap s", left=("topic", "type"))
+    for topic in bag.topics:
+        count = str(topic.found) if topic.found == topic.announced else f"{topic.found} of {topic.announced}"
+        numbers = significant(topic.rate_hz), significant(topic.longest_gap_s)
+        table.add_row(topic.name, topic.msgtype, count, *numbers)
+    return table
+
+
+def run_table(bags: Sequence[InspectedBag]) -> Table:
+    """Return one row a bag."""
+    headings = ("bag", "state", "messages", "size", "recorded", "trial", "outcome", "RMS error rad")
+    table = simple_table(*headings, left=("bag", "state", "outcome"))
+    for bag in bags:
+        trial = bag.trial
+        table.add_row(
+            bag.path.name,
+            bag.wholeness.name.lower(),
+            str(bag.n_messages),
+            size(bag.size_bytes),
+            f"{bag.duration_s:.3f} s",
+            f"{trial.index}" if trial else "–",
+            trial.outcome if trial else "–",
+            significant(trial.rms_error_rad) if trial else "–",
+        )
+    return table
+
+
+def trial_text(trial: InspectedTrial) -> str:
+    """Return a line about a trial."""
+    why = f" ({trial.message})" if trial.message else ""
+    return (
+        f"{trial.index}, {trial.outcome}{why}: {seconds(trial.duration_s)}, α {significant(trial.alpha)}, "
+        f"RMS error {significant(trial.rms_error_rad)} rad, at most {significant(trial.max_error_rad)} rad, "
+        f"{trial.ticks} ticks"
+    )
+
+
+def size(n_bytes: int) -> str:
+    """Return a size of files for people."""
+    return f"{n_bytes / 1e6:.2f} MB" if n_bytes >= 1e6 else f"{n_bytes / 1e3:.1f} kB"
+
+
+def moment(time_ns: int) -> str:
+    """Return a time of day, or a time of simulation as it is."""
+    if time_ns < _TIMES_OF_DAY_NS:
+        return f"{time_ns / NS_PER_S:.3f} s (no time of day: that of a simulation)"
+    return f"{datetime.fromtimestamp(time_ns / NS_PER_S, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,70 @@
+"""The plane in which a path of the hand is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tel_ros.core.types import FloatArray
+
+FLAT_M = 1e-3
+"""A hand that stays this close to a plane moves in it."""
+
+_NAMES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane to draw in.
+
+    Args:
+        origin_m: point of the plane that gets the coordinates (0, 0). Shape (3,).
+        axes: its two unit vectors, in rows. Shape (2, 3).
+        names: of the two axes.
+        out_of_plane_m: largest distance of a position from the plane that fits best.
+        principal: whether the axes are those of largest extent, not those of the base frame.
+    """
+
+    origin_m: FloatArray
+    axes: FloatArray
+    names: tuple[str, str]
+    out_of_plane_m: float
+    principal: bool
+
+    def project(self, positions_m: FloatArray) -> FloatArray:
+        """Return the coordinates [m] in the plane of positions of shape (n, 3). Shape (n, 2)."""
+        projected: FloatArray = (positions_m - self.origin_m) @ self.axes.T
+        return projected
+
+    @property
+    def description(self) -> str:
+        """One sentence about the plane."""
+        if not self.principal:
+            return f"The hand moves in the {'–'.join(self.names)} plane of the base frame."
+        where = "Drawn in the plane of largest extent (principal axes of all positions shown)"
+        if self.out_of_plane_m <= FLAT_M:
+            return f"{where}, which the hand does not leave."
+        return f"{where}; the hand leaves it by up to {1e3 * self.out_of_plane_m:.3g} mm."
+
+
+def drawing_plane(positions_m: FloatArray) -> Plane:
+    """Return the plane of the base frame that holds all positions, else the plane of largest extent.
+
+    Args:
+        positions_m: Shape (n, 3).
+    """
+    low, high = positions_m.min(axis=0), positions_m.max(axis=0)
+    distance_m = (high - low) / 2.0
+    for dropped in (2, 1, 0):
+        if distance_m[dropped] <= FLAT_M:
+            kept = [axis for axis in range(3) if axis != dropped]
+            names = (_NAMES[kept[0]], _NAMES[kept[1]])
+            return Plane(np.zeros(3), np.eye(3)[kept], names, float(distance_m[dropped]), principal=False)
+    centre = positions_m.mean(axis=0)
+    axes = np.linalg.svd(positions_m - centre, full_matrices=False)[2]
+    # The decomposition leaves the signs open: let each axis point along the base axis that it is closest to.
+    axes *= np.sign(axes[np.arange(3), np.argmax(np.abs(axes), axis=1)])[:, None]
+    off_m = (positions_m - centre) @ axes[2]
+    names = ("first principal axis", "second principal axis")
+    return Plane(centre, axes[:2], names, float(np.abs(off_m).max()), principal=True)

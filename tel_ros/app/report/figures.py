@@ -1,0 +1,349 @@
+"""The figures of a report: each function takes data and returns a figure; none of them reads a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+from tel_ros.app.plane import drawing_plane
+from tel_ros.app.plotting import (
+    BLUE,
+    BROKEN_OFF,
+    CLIPPED,
+    DOTS,
+    FAINT,
+    GREEN,
+    GREY,
+    INK,
+    LIMIT,
+    ORANGE,
+    PAPER,
+    PURPLE,
+    SOFT,
+    WIDTH_IN,
+    draw_limit,
+    key,
+    legend_below,
+    mark_saturated,
+    scale_errors,
+)
+from tel_ros.app.report.data import DrawnTrial, TrialSummary
+from tel_ros.app.report.text import enumeration, seconds, significant, trial_label
+from tel_ros.core.kinematics import SerialChain
+from tel_ros.core.types import FloatArray
+
+_PAGE_IN = 9.7
+"""Height of what fits on a page with its caption."""
+_PATH_COLUMNS = 3
+_TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
+_BAND_ALPHA = 0.2
+_BAND_POINTS = 400
+_BAND_LABEL = "±2 standard deviations that the network expected of its command"
+_NOT_COMPLETED: dict[str, Any] = {"color": PURPLE, "alpha": 0.22, "linewidth": 0.0}
+_START: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 5.0,
+    "markerfacecolor": PAPER,
+    "markeredgecolor": INK,
+    "markeredgewidth": 1.0,
+    "linestyle": "none",
+}
+
+
+@dataclass(frozen=True)
+class PathPanel:
+    """The path of the hand in RUN of one trial, in the plane it is drawn in; arrays of shape (n, 2) in m."""
+
+    title: str
+    desired_m: FloatArray
+    actual_m: FloatArray
+    equilibrium_m: FloatArray
+    """Where the hand would come to rest under the command."""
+    completed: bool
+
+    @property
+    def curves_m(self) -> dict[str, FloatArray]:
+        """All three by the names of their fields."""
+        return {name: getattr(self, name) for name in ("desired_m", "actual_m", "equilibrium_m")}
+
+
+def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[PathPanel], str, list[str]]:
+    """Return the panels of the hand's path, one a trial.
+
+    Args:
+        drawn: the trials; at least one.
+        chain: from the base to the hand.
+
+    Returns:
+        The panels, all in one plane; a sentence about the plane; labels of its two axes.
+    """
+    paths = []
+    for trial in (each.recorded for each in drawn):
+        angles = (trial.desired[:, : len(trial.joints)], trial.position_rad, trial.equilibrium_rad)
+        paths.append([chain.hand_positions(each[trial.run]) for each in angles])
+    plane = drawing_plane(np.vstack([curve for path in paths for curve in path]))
+    panels = [
+        PathPanel(
+            f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
+            f"RMS error {significant(trial.summary.rms_error_rad)} rad",
+            *map(plane.project, path),
+            completed=trial.summary.completed,
+        )
+        for trial, path in zip(drawn, paths, strict=True)
+    ]
+    return panels, plane.description, [f"{name} [m]" for name in plane.names]
+
+
+def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figure:
+    """Return [Practice] Fig. 2: desired, actual and equilibrium path of the hand, three in a row."""
+    columns = min(_PATH_COLUMNS, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    *corners_m, aspect = _frame(panels)
+    panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
+    figure = Figure(figsize=(WIDTH_IN, rows * (panel_in * aspect + 0.6) + 0.55), layout="compressed")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in grid.flat[len(panels) :]:
+        axes.remove()
+    for place, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
+        _draw_path(axes, panel, *corners_m)
+        if place + columns >= len(panels):
+            axes.set_xlabel(labels[0])
+            axes.tick_params(labelbottom=True)
+        if place % columns == 0:
+            axes.set_ylabel(labels[1])
+    legend_below(figure, "compressed", [_path_handles(panels)])
+    return figure
+
+
+def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterator[Figure]:
+    """Yield the path of the hand in each trial, all in one frame; it is one figure that is drawn anew."""
+    *corners_m, aspect = _frame(panels)
+    size_in = min(WIDTH_IN - 0.75, 4.0 / aspect)
+    figure = Figure(figsize=(WIDTH_IN, size_in * aspect + 1.15), layout="compressed")
+    axes = figure.subplots()
+    legend_below(figure, "compressed", [_path_handles(panels)])
+    for place, panel in enumerate(panels):
+        axes.clear()
+        _draw_path(axes, panel, *corners_m)
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+        if place == 0:
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # so that nothing jumps from one to the next
+        yield figure
+
+
+def _path_handles(panels: Sequence[PathPanel]) -> list[Line2D]:
+    handles = [
+        key("desired", color=INK, linestyle=DOTS, linewidth=1.0),
+        key("actual", color=BLUE, linewidth=1.0),
+        key("equilibrium point (EP)", color=GREY, linewidth=1.4),
+        key("start", **_START),
+    ]
+    if not all(panel.completed for panel in panels):
+        handles.append(key("broken off", **BROKEN_OFF))
+    return handles
+
+
+def _frame(panels: Sequence[PathPanel]) -> tuple[FloatArray, FloatArray, float]:
+    """Return the lower and the upper corner [m] of what all panels show, and its height over its width."""
+    everything = np.vstack([curve for panel in panels for curve in panel.curves_m.values()])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin_m = 0.06 * max(float((high - low).max()), 1e-3)
+    low, high = low - margin_m, high + margin_m
+    width, height = high - low
+    return low, high, float(height / width)
+
+
+def _tick_distance(extent_m: FloatArray) -> float:
+    """Return one distance between ticks for both axes: squares look like squares."""
+    tick_m = float(np.diff(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, extent_m.max()))[0])
+    half_is_better = extent_m.min() < 2.0 * tick_m and extent_m.max() < 3.5 * tick_m
+    return tick_m / 2.0 if half_is_better else tick_m
+
+
+def _draw_path(axes: Axes, panel: PathPanel, low: FloatArray, high: FloatArray) -> None:
+    axes.plot(*panel.equilibrium_m.T, color=GREY, linewidth=1.4)
+    axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
+    axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
+    axes.plot(*panel.actual_m[0], **_START)
+    if not panel.completed:
+        axes.plot(*panel.actual_m[-1], **BROKEN_OFF)
+    axes.set_title(panel.title, linespacing=1.4)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    tick_m = _tick_distance(high - low)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(tick_m))
+
+
+def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm: Sequence[float]) -> Figure:
+    """Return the commanded effort of each joint over the movement, with limits and clipping."""
+    figure, panels = movement_panels(joints)
+    clipped = limited = False
+    for joint, axes in enumerate(panels):
+        for trial, colour in zip(drawn, _colours(drawn), strict=True):
+            time, effort_nm = movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
+            axes.plot(time, effort_nm, color=colour, linewidth=0.9)
+            saturated = trial.recorded.saturated[trial.recorded.run, joint]
+            clipped |= mark_saturated(axes, time, effort_nm, saturated)
+        limited |= draw_limit(axes, limits_nm[joint])
+        axes.set_ylabel("torque [N·m]")
+    handles = _trial_handles(drawn)
+    if limited:
+        handles.append(key("limit", **LIMIT))
+    if clipped:
+        handles.append(key("clipped at the limit", **CLIPPED))
+    legend_below(figure, "constrained", [handles])
+    return figure
+
+
+def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figure:
+    """Return measured minus desired position of each joint over the movement.
+
+    A trial whose error the network expected has panels of its own with the band: in one panel, the error of a
+    trial before learning or the wider band of a faster one would hide it.
+    """
+    coloured = list(zip(drawn, _colours(drawn), strict=True))
+    banded = [(trial, colour) for trial, colour in coloured if trial.is_std_known]
+    columns = [(trial_label(trial.summary).lower(), [(trial, colour)], True) for trial, colour in banded]
+    if len(banded) < len(drawn):
+        numbers = enumeration([str(trial.summary.index) for trial in drawn])
+        columns.insert(0, (f"trials {numbers}", coloured, False))
+    titles = [f"{joint}: {head}" if banded else joint for joint in joints for head, *_ in columns]
+    figure, panels = movement_panels(titles, max(2, len(columns)))
+    for place, axes in enumerate(panels):
+        joint, column = divmod(place, len(columns))
+        _, shown, with_band = columns[column]
+        for trial, colour in shown:
+            if with_band:
+                _draw_band(axes, trial, colour, joint)
+            _draw_error(axes, trial, colour, joint)
+        if column == 0:
+            axes.set_ylabel("actual − desired [rad]")
+    handles: list[Artist] = list(_trial_handles(drawn))
+    if not all(trial.summary.completed for trial in drawn):
+        handles.append(key("broken off", **BROKEN_OFF))
+    rows = [handles]
+    if banded:
+        rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=_BAND_LABEL)])
+    legend_below(figure, "constrained", rows)
+    return figure
+
+
+def _draw_error(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
+    time, error_rad = movement_time(trial), trial.error_rad[:, joint]
+    axes.plot(time, error_rad, color=colour, linewidth=1.1)
+    if not trial.summary.completed:
+        axes.plot(time[-1], error_rad[-1], **BROKEN_OFF)
+
+
+def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
+    """Draw two standard deviations of the command, where they are finite."""
+    half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
+    # An area is written with all of its points, unlike a line, which is simplified.
+    rows = np.unique(np.linspace(0, len(half_rad) - 1, _BAND_POINTS).round().astype(int))
+    time, half_rad = movement_time(trial)[rows], half_rad[rows]
+    known = np.isfinite(half_rad)
+    half_rad = np.where(known, half_rad, 0.0)
+    style: dict[str, Any] = {"color": colour, "alpha": _BAND_ALPHA, "linewidth": 0.0, "zorder": 0.8}
+    axes.fill_between(time, -half_rad, half_rad, where=known, **style)
+
+
+def movement_panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one panel a title over the time of the movement, and the panels row by row."""
+    columns = min(columns, len(titles))
+    rows = math.ceil(len(titles) / columns)
+    figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, _PAGE_IN)), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    panels = list(grid.flat)
+    for axes in panels[len(titles) :]:
+        axes.remove()
+    panels = panels[: len(titles)]
+    for place, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
+        axes.set_title(title)
+        axes.set_xlim(-0.01, 1.01)
+        axes.xaxis.set_major_locator(MultipleLocator(0.2 if columns < 3 else 0.5))
+        if place + columns >= len(titles):
+            axes.set_xlabel("time / duration of the trial")
+            axes.tick_params(labelbottom=True)
+    return figure, panels
+
+
+def movement_time(trial: DrawnTrial) -> FloatArray:
+    """Return the time of each sample of RUN as a share of the trial's duration."""
+    time: FloatArray = trial.recorded.time_s[trial.recorded.run] / trial.summary.duration_s
+    return time
+
+
+def _colours(drawn: Sequence[DrawnTrial]) -> tuple[str, ...]:
+    return _TRIAL_COLOURS[-len(drawn) :] if len(drawn) != 2 else (_TRIAL_COLOURS[0], _TRIAL_COLOURS[-1])
+
+
+def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
+    return [
+        key(f"{trial_label(trial.summary)} ({seconds(trial.summary.duration_s)})", color=colour)
+        for trial, colour in zip(drawn, _colours(drawn), strict=True)
+    ]
+
+
+def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
+    """Return tracking error, training error and duration over the trials of a run."""
+    figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
+    tracking, training, duration = figure.subplots(1, 3)
+    rms = [t.rms_error_rad for t in trials]
+    peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
+    before = [t.training_rms_before_rad for t in trials]
+    after = [t.training_rms_after_rad for t in trials]
+    over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
+    tracking.set(title="Tracking error", ylabel="error [rad]")
+    over_trials(
+        training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
+    )
+    training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
+    over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
+    duration.set(title="Duration of the movement", ylabel="duration [s]")
+    duration.set_ylim(bottom=0.0)
+    if not all(trial.completed for trial in trials):
+        mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
+        legend_below(figure, "constrained", [[mark]])
+    return figure
+
+
+def over_trials(
+    axes: Axes,
+    trials: Sequence[TrialSummary],
+    series: Sequence[tuple[Sequence[float], str, str, str]],
+    *,
+    log: bool,
+) -> None:
+    """Draw series of (values, label, colour, marker) over the numbers of the trials."""
+    numbers = [trial.index for trial in trials]
+    for trial in trials:
+        if not trial.completed:
+            axes.axvspan(trial.index - 0.5, trial.index + 0.5, **_NOT_COMPLETED)
+    for values, label, colour, marker in series:
+        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.6, "linewidth": 1.0}
+        axes.plot(numbers, values, label=label or None, **style)
+    known = [value for values, *_ in series for value in values if math.isfinite(value)]
+    if log and any(value > 0.0 for value in known):
+        scale_errors(axes)
+    if not known:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.set_yticks([])
+    axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
+    axes.set_xlabel("trial")
+    axes.grid(axis="y")
+    axes.set_axisbelow(True)
+    if known and any(label for _, label, *_ in series):
+        axes.legend(loc="best")

@@ -1,0 +1,118 @@
+"""A report as a list of sections, and the page that they make up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from tel_ros.app.plotting import PALETTE, figure_style, inline_svg, save_figure
+from tel_ros.app.report import text
+from tel_ros.app.report.command import FIGURE_FORMATS
+from tel_ros.app.templates import template
+from tel_ros.core.errors import InputFileError
+from tel_ros.recording.run_folder import REPORT_FILE, write_atomically
+
+FIGURE_FOLDER = "figures"
+Data = TypeVar("Data")
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a section shows.
+
+    Args:
+        figure: comes first.
+        caption: what the figure shows, or why there is none.
+        html: follows the figure.
+    """
+
+    figure: Figure | None = None
+    caption: str = ""
+    html: Markup = Markup()
+
+
+@dataclass(frozen=True)
+class Section(Generic[Data]):
+    """A part of a report.
+
+    Args:
+        id: on the page.
+        title: its heading.
+        content: makes what it shows from the data of the report; None: the section is left out. It is called
+            in the style of the figures.
+        file: name of the figure's files, without ending; empty: the section never has a figure.
+    """
+
+    id: str
+    title: str
+    content: Callable[[Data], Content | None]
+    file: str = ""
+
+
+def write_page(
+    folder: Path,
+    sections: Sequence[Section[Data]],
+    data: Data,
+    formats: Sequence[str],
+    **head: str,
+) -> Path:
+    """Write ``report.html`` and the figures of all sections into a folder.
+
+    Args:
+        folder: of the page; exists.
+        sections: in their order.
+        data: what the sections show.
+        formats: file formats of the figures; files of an earlier report in other formats are removed.
+        head: ``title``, ``header`` and ``footer`` of the page.
+
+    Raises:
+        InputFileError: something cannot be written.
+    """
+    try:
+        made = [each for section in sections if (each := _made(folder, section, data, formats)) is not None]
+        html = template("page.html.j2").render(head, sections=made, palette=PALETTE)
+        write_atomically(folder / REPORT_FILE, html + "\n")
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror})"
+        raise InputFileError(error.filename or folder, problem, "room for a report") from error
+    return folder / REPORT_FILE
+
+
+def _made(folder: Path, section: Section[Data], data: Data, formats: Sequence[str]) -> dict[str, Any] | None:
+    """Return what the page needs of a section, with the figure as SVG, and write the figure's files."""
+    figures, svg = folder / FIGURE_FOLDER, ""
+    with figure_style(section.file or section.id):
+        content = section.content(data)
+        if content is not None and content.figure is not None:
+            figures.mkdir(exist_ok=True)
+            for kind in formats:
+                save_figure(content.figure, figures / f"{section.file}.{kind}")
+            # The layout is settled; computing it again takes longer than drawing.
+            content.figure.set_layout_engine("none")
+            svg = inline_svg(content.figure, section.file)
+    if section.file and figures.is_dir():
+        for kind in set(FIGURE_FORMATS) - set(formats if svg else ()):  # of an earlier report
+            (figures / f"{section.file}.{kind}").unlink(missing_ok=True)
+    if content is None:
+        return None
+    first, *others = formats
+    return {
+        "id": section.id,
+        "title": section.title,
+        "svg": Markup(svg),
+        "caption": content.caption,
+        "files": ", ".join([f"{FIGURE_FOLDER}/{section.file}.{first}", *(f".{kind}" for kind in others)]),
+        "html": content.html,
+    }
+
+
+def block(file: str, macro: str, *folder: Path, **values: Any) -> Markup:
+    """Return the HTML of a macro in a template (of ours, or in ``folder``), called with these values."""
+    module = template(file, *folder).make_module({"text": text})
+    html: Markup = getattr(module, macro)(**values)
+    return html

@@ -1,0 +1,166 @@
+"""The report of one practice run. A new figure is a function and an entry in the list of sections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from tel_ros import __version__
+from tel_ros.app.extensions import extensions, load
+from tel_ros.app.plotting import inline_svg
+from tel_ros.app.report import text
+from tel_ros.app.report.data import RunData, read_drawable, read_run
+from tel_ros.app.report.figures import (
+    effort_figure,
+    hand_path_figure,
+    path_panels,
+    path_pictures,
+    practice_figure,
+    tracking_figure,
+)
+from tel_ros.app.report.page import Content, Section, block, write_page
+from tel_ros.core.types import FloatArray
+from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
+
+MOST_STEPS = 16
+_STEP_POINTS = 400
+"""Points of a curve in the section that steps through the trials."""
+_TEMPLATE = "run.html.j2"
+_NOTHING_DRAWN = Content(caption="Nothing to draw: there is no trial with a movement and a readable bag.")
+
+
+def hand_path(run: RunData) -> Content:
+    """[Practice] Fig. 2 of the first, the middle and the last trial."""
+    if not run.drawn:
+        return _NOTHING_DRAWN
+    panels, plane, labels = path_panels(run.drawn, run.chain)
+    return Content(hand_path_figure(panels, labels), text.path_caption(plane))
+
+
+def steps(run: RunData) -> Content | None:
+    """The path of the hand in one trial after the other, to step through; None for a single trial."""
+    trials = read_drawable(run, MOST_STEPS) if run.drawn else []
+    if len(trials) < 2:
+        return None
+
+    def thinned(points_m: FloatArray) -> FloatArray:
+        rows = np.unique(np.linspace(0, len(points_m) - 1, _STEP_POINTS).round().astype(int))
+        return points_m[rows]
+
+    panels, _, labels = path_panels(trials, run.chain)
+    panels = [replace(p, **{name: thinned(curve) for name, curve in p.curves_m.items()}) for p in panels]
+    indices = [trial.summary.index for trial in trials]
+    pictures = [
+        (index, Markup(inline_svg(figure, f"step-{index}")))
+        for index, figure in zip(indices, path_pictures(panels, labels), strict=True)
+    ]
+    return Content(html=block(_TEMPLATE, "steps", pictures=pictures))
+
+
+def practice(run: RunData) -> Content:
+    """Errors and durations over the trials."""
+    return Content(
+        practice_figure(run.trials),
+        "Errors and durations of all trials. Tracking error: measured minus desired joint position, over all "
+        "joints. Training error: the network's error on the commands of the trial just done, before and "
+        "after it has learned from it.",
+    )
+
+
+def effort(run: RunData) -> Content:
+    """Torque of each joint over the movement."""
+    if not run.drawn:
+        return _NOTHING_DRAWN
+    return Content(
+        effort_figure(run.drawn, run.config.arm.joints, run.config.arm.effort_limit_nm),
+        "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit that "
+        "is far off the scale is named instead of drawn.",
+    )
+
+
+def tracking(run: RunData) -> Content:
+    """Error of each joint over the movement."""
+    if not run.drawn:
+        return _NOTHING_DRAWN
+    return Content(tracking_figure(run.drawn, run.config.arm.joints), text.tracking_caption(run.drawn))
+
+
+def trials(run: RunData) -> Content:
+    """The numbers of each trial."""
+    return Content(html=block(_TEMPLATE, "trials", run=run, joints=run.config.arm.joints))
+
+
+def timing(run: RunData) -> Content | None:
+    """How regular the loop was; None where it was not measured, as in lockstep."""
+    measured = any(trial.timing is not None for trial in run.trials)
+    return Content(html=block(_TEMPLATE, "timing", run=run)) if measured else None
+
+
+def decisions(run: RunData) -> Content | None:
+    """Why the strategy chose these trials; None if it gave no reasons."""
+    decided = any(trial.reason for trial in run.trials)
+    return Content(html=block(_TEMPLATE, "decisions", run=run)) if decided else None
+
+
+def growth(run: RunData) -> Content:
+    """What grew in the network, trial by trial."""
+    return Content(html=block(_TEMPLATE, "growth", run=run, joints=run.config.arm.joints))
+
+
+def configuration(run: RunData) -> Content:
+    """The configuration as it is in the folder of the run."""
+    written = (run.folder / CONFIG_FILE).read_text(encoding="utf-8")
+    return Content(html=block(_TEMPLATE, "configuration", configuration=written))
+
+
+def versions(run: RunData) -> Content:
+    """The versions of the software that made the run."""
+    return Content(html=block(_TEMPLATE, "versions", versions=run.config.versions))
+
+
+RESULTS: tuple[Section[RunData], ...] = (
+    Section("hand-path", "Path of the hand", hand_path, "hand_path"),
+    Section("steps", "From trial to trial", steps),
+    Section("errors", "Error and duration of each trial", practice, "practice"),
+    Section("torques", "Torques", effort, "effort"),
+    Section("tracking", "Tracking error of the joints", tracking, "tracking"),
+    Section("trials", "Trials", trials),
+    Section("timing", "Timing of the control loop", timing),
+    Section("decisions", "Why these trials", decisions),
+)
+"""Sections of other packages (entry points of the group ``tel_ros.report_sections``) follow these."""
+DETAILS: tuple[Section[RunData], ...] = (
+    Section("growth", "What grew in the network", growth),
+    Section("configuration", "Configuration", configuration),
+    Section("versions", "Versions", versions),
+)
+
+
+def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
+    """Write ``report.html`` and the figures of a practice run into its folder, and return the page's path.
+
+    Args:
+        folder: of the run.
+        formats: file formats of the figures; those of an earlier report in other formats are removed.
+
+    Raises:
+        InputFileError: the folder is not that of a run with at least one trial, or cannot be written.
+    """
+    run, name = read_run(folder), folder.resolve().name
+    date = f"{datetime.fromtimestamp((folder / SUMMARY_FILE).stat().st_mtime).astimezone():%Y-%m-%d %H:%M}"
+    others = [load(place) for place in extensions("tel_ros.report_sections").values()]
+    return write_page(
+        folder,
+        (*RESULTS, *others, *DETAILS),
+        run,
+        formats,
+        title=f"Practice run {name}",
+        header=block(_TEMPLATE, "header", run=run, date=date),
+        footer=f"Made by tel_ros {__version__} from the bags and the summary of the run; the summary is of "
+        f"{date}, by the date of its file. Bags that are not drawn were opened, but not read to their end.",
+    )

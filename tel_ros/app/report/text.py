@@ -1,0 +1,159 @@
+"""Numbers and sentences of a report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from tel_ros.app.report.data import DrawnTrial, RunData, TrialSummary
+
+NOTHING = "–"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a number for a column; a dash for NaN."""
+    return f"{value:.{decimals}f}" if math.isfinite(value) else NOTHING
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number for running text, without exponents: 0.00192, 0.0500, 11.5; a dash for NaN."""
+    if not math.isfinite(value):
+        return NOTHING
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def seconds(value: float) -> str:
+    """Return a duration with its unit, with one decimal, or two if the second is not zero."""
+    return f"{value:.2f}".removesuffix("0") + "\N{NO-BREAK SPACE}s" if math.isfinite(value) else NOTHING
+
+
+def enumeration(words: Sequence[str]) -> str:
+    """Return words in one phrase: ``a``, ``a and b``, ``a, b and c``."""
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def run_line(run: RunData) -> str:
+    """Return what kind of run it was."""
+    config = run.config
+    arm = f"{config.arm.name} ({'simulated' if config.run.arm == 'sim' else 'external'} arm)"
+    path = config.path.name or config.path.file.rpartition("/")[2]
+    strategy = config.practice.strategy.replace("_", " ")
+    if config.practice.strategy == "trajectory_extension" and not config.practice.durations_s:
+        strategy += f", even steps in {config.practice.spacing}"
+    learner = f"{config.learning.name} ({config.learning.weights})"
+    training = f"{config.learning.training} trajectory training"
+    return f"{arm} · path {path} · {strategy} · {learner} · {training} · seed {config.seed}"
+
+
+_ENDED = {
+    "stopped": "stopped before its goal",
+    "aborted": "was aborted",
+    "cancelled": "was cancelled",
+    "failed": "failed",
+}
+
+
+def ending(run: RunData) -> str:
+    """Return how the run ended."""
+    done = sum(trial.completed for trial in run.trials)
+    practice = run.config.practice
+    # A strategy that has come to its end needed no more trials than it made.
+    over = run.outcome in ("completed", "stopped")
+    planned = len(run.trials) if over else len(practice.durations_s) or practice.trials
+    trials = f"{done} of {planned} {'trial' if planned == 1 else 'trials'} completed"
+    if run.outcome == "completed":
+        return f"{run.message.rstrip('.')}. {trials}." if run.message else f"{trials}."
+    if run.outcome == "running":
+        return f"The run did not come to its end (its summary still says that it is running); {trials}."
+    ended = f"The run {_ENDED.get(run.outcome, f'ended as “{run.outcome}”')}"
+    says_more = run.message and run.message.lower() != ended.lower()
+    why = f": {run.message.rstrip('.')}" if says_more else ""
+    return f"{ended}{why}. {trials}."
+
+
+def result(run: RunData) -> str:
+    """Return the first, best and final error, and the gain in speed."""
+    moved = [trial for trial in run.trials if trial.reached_run]
+    if not moved:
+        return "The movement did not begin in any trial, so there is no error to report."
+    if len(moved) == 1:
+        return f"RMS tracking error: {_error(moved[0])}."
+    completed = [trial for trial in moved if trial.completed]
+    # Half a movement is neither the best nor the fastest.
+    best = min(completed or moved, key=lambda trial: trial.rms_error_rad)
+    return (
+        f"RMS tracking error: {_error(moved[0])} at first, {_error(best)} at best, "
+        f"{_error(moved[-1])} in the end.{_speed_up(moved[0], completed)}"
+    )
+
+
+def _speed_up(first: TrialSummary, completed: Sequence[TrialSummary]) -> str:
+    if len(completed) < 2:
+        return ""
+    shortest_s = min(trial.duration_s for trial in completed)
+    faster = first.duration_s / shortest_s
+    if abs(faster - 1.0) < 1e-6:
+        return f" The speed stayed the same: {seconds(shortest_s)} a trial."
+    return (
+        f" From {seconds(first.duration_s)} to {seconds(shortest_s)}, the movement became "
+        f"{significant(faster, 2)} times as fast."
+    )
+
+
+def _error(trial: TrialSummary) -> str:
+    how = "" if trial.completed else f", {trial.outcome}"
+    error = f"{significant(trial.rms_error_rad)}\N{NO-BREAK SPACE}rad"
+    return f"{error} (trial {trial.index}, {seconds(trial.duration_s)}{how})"
+
+
+def trial_label(trial: TrialSummary) -> str:
+    """Return a trial's name for a legend or a title."""
+    return f"Trial {trial.index}" + ("" if trial.completed else f", {trial.outcome}")
+
+
+def path_caption(plane: str) -> str:
+    """Return the caption of the hand's path; ``plane`` is a sentence about the plane it is drawn in."""
+    return (
+        "Path of the hand: desired (dotted), actual (solid), and where the equilibrium-point command "
+        f"pulls it (grey). {plane} Same scale in all panels."
+    )
+
+
+def tracking_caption(drawn: Sequence[DrawnTrial]) -> str:
+    """Return the caption of the tracking error, with an explanation of the bands if there are any."""
+    caption = "Tracking error of each joint over the movement, for the same trials."
+    banded = [trial for trial in drawn if trial.is_std_known]
+    if not banded:
+        return caption
+    shares = [
+        f"{100.0 * trial.share_within_two_std:.0f}\N{NO-BREAK SPACE}% in trial {trial.summary.index}"
+        for trial in banded
+    ]
+    return (
+        f"{caption} Each panel has a scale of its own. The band is the error of the command that the network "
+        "expected before the trial; through the spring, an error of the command leads to the same error of "
+        f"the position at low frequency, so about 95\N{NO-BREAK SPACE}% of the error should lie within the "
+        f"band. Found within: {enumeration(shares)}."
+    )
+
+
+def decision(trial: TrialSummary) -> str:
+    """Return why a trial was chosen, and with which network."""
+    if trial.went_back_to is None:
+        return trial.reason
+    network = f"the network after trial {trial.went_back_to}" if trial.went_back_to else "the first network"
+    return f"{trial.reason}, with {network}"
+
+
+def growth(trial: TrialSummary, joints: tuple[str, ...]) -> list[list[str]]:
+    """Return what grew in one trial: a list for each joint's network, and one for everything else."""
+    columns: list[list[str]] = [[] for _ in range(len(joints) + 1)]
+    for item in trial.grown:
+        joint, _, what = item.partition(": ")
+        if joint in joints and what:
+            columns[joints.index(joint)].append(what)
+        else:
+            columns[-1].append(item)
+    return columns
