@@ -129,7 +129,7 @@ class StudyOptions:
 
 def write_figure(draw: Callable[[], Figure], *files: Path) -> None:
     """Draw a figure in the common style and write it into files, by their endings."""
-    from tel_ros.app.figure_export import figure_style, save_figure  # late: plotting takes a second to import
+    from tel_ros.app.plotting import figure_style, save_figure  # late: plotting takes a second to import
 
     with figure_style(files[0].stem):
         figure = draw()
