@@ -43,11 +43,20 @@ setup:  ## prepare .venv: ROS 2 Jazzy, the interfaces, tel_ros itself
 demo: setup  ## the simulated arm practises until it is fast
 	$(VENV)/bin/tel practice config/planar_arm.yaml
 
-# The contract's tests measure arms in real time, with nothing beside them.
+# Every stage runs, whatever fails before it, and the end says what failed. Tests marked `realtime` measure it:
+# they run last and alone, and one that fails is run once more, which the closing line counts.
 test: setup  ## all tests
-	$(VENV)/bin/python -m pytest -n 2 --dist worksteal --ignore=test/graph --ignore=test/contract
-	$(VENV)/bin/python -m pytest -n 2 --dist worksteal test/graph
-	$(VENV)/bin/python -m pytest test/contract
+	@failed=(); \
+	stage() { echo "== $$1"; $(VENV)/bin/python -m pytest "$${@:2}" || failed+=("$$1"); }; \
+	stage "without a graph" --cache-clear -n 2 --dist worksteal -m "not realtime" --ignore=test/graph \
+		--ignore=test/faults/test_campaign.py; \
+	stage "graphs of nodes" -n 2 --dist worksteal -m "not realtime" test/graph test/faults/test_campaign.py; \
+	stage "in real time" -m realtime --reruns 1 -r fER; \
+	if (( $${#failed[@]} )); then \
+		printf 'FAILED: tests %s\n' "$${failed[@]}"; \
+		$(VENV)/bin/python -c 'import json; print(*json.load(open(".pytest_cache/v/cache/lastfailed")), sep="\n")'; \
+		exit 1; \
+	fi
 
 check: setup  ## linters and types
 	$(VENV)/bin/ruff check .

@@ -106,12 +106,15 @@ setup(
         "benchmark": ["scikit-learn"],
         # colcon test looks for pytest under this name. The others read our bags without any of our code.
         "test": [
+            "import-linter",
             "mcap",
             "mcap-ros2-support",
             "pytest",
+            "pytest-rerunfailures",
             "pytest-timeout",
             "pytest-xdist>=3.2",
             "rosbag-doctor",
+            "sybil",
         ],
         "dev": ["build", "mypy", "packaging", "ruff", "types-psutil", "types-PyYAML", "wheel"],
         # The documentation site (`make docs`).

@@ -9,7 +9,7 @@ from arm_under_test import TINY_SHARE, ArmUnderTest
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.recording import topics
 
-pytestmark = pytest.mark.timeout(90)
+pytestmark = [pytest.mark.timeout(90), pytest.mark.realtime]
 
 WATCHDOG_S = 0.1
 

@@ -1,4 +1,4 @@
-"""The fenced code blocks of a page in Markdown, and how they are run.
+"""How the fenced code blocks of a page in Markdown are run; sybil finds them.
 
 A block with a title is a file. Blocks of bash and Python run, in their order, in one folder; an ``output``
 block says what the one before it prints. ``<!-- not run: REASON -->`` above a block leaves it alone, and
@@ -13,72 +13,76 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from sybil import Document, Example, Region
+from sybil.parsers.markdown.lexers import DirectiveInHTMLCommentLexer, RawFencedCodeBlockLexer
 
-_BLOCK = re.compile(
-    r"^(?:<!-- not run: (?P<reason>[^\n]+?) -->\n)?"
-    r"```(?P<language>\w*)(?: title=\"(?P<title>[^\"]+)\")?[^\n]*\n"
-    r"(?P<text>.*?)^```$",
-    flags=re.DOTALL | re.MULTILINE,
-)
-_GIVEN = re.compile(r"<!-- given: (\S+) -->")
+ROOT = Path(__file__).parents[2]
+_FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<language>\w*)(?: title=\"(?P<title>[^\"]+)\")?[^\n]*\n"))
+_COMMENTS = DirectiveInHTMLCommentLexer("given|not run")
 _ANYTHING = "…"
 
 
-@dataclass(frozen=True)
-class Block:
-    """One block: its language, its file name if it is a file, its text, why it is not run if it is not."""
+class PageRun:
+    """Blocks and comments of a page as sybil's examples: evaluate them in their order.
 
-    language: str
-    title: str
-    text: str
-    not_run: str
-    line: int
+    Args:
+        folder: in which the page runs.
+        timeout_s: of one block.
+    """
 
+    def __init__(self, folder: Path, timeout_s: float) -> None:
+        self._folder, self._timeout_s = folder, timeout_s
+        self._printed, self._not_run = "", False
 
-def blocks_of(page: Path) -> list[Block]:
-    text = page.read_text(encoding="utf-8")
-    return [
-        Block(
-            found["language"],
-            found["title"] or "",
-            found["text"],
-            found["reason"] or "",
-            text.count("\n", 0, found.start()) + 1,
-        )
-        for found in _BLOCK.finditer(text)
-    ]
+    def __call__(self, document: Document) -> Iterator[Region]:
+        """Return everything that is found on a page."""
+        for found, evaluate in ((_FENCES(document), self._block), (_COMMENTS(document), self._comment)):
+            for region in found:
+                yield Region(region.start, region.end, region.lexemes, evaluate)
 
+    def _comment(self, example: Example) -> None:
+        if example.parsed["directive"] == "given":
+            name = example.parsed["arguments"].strip()
+            shutil.copytree(ROOT / name, self._folder / name)
+        self._not_run = example.parsed["directive"] == "not run"
 
-def given_by(page: Path) -> list[str]:
-    return _GIVEN.findall(page.read_text(encoding="utf-8"))
-
-
-def run_page(page: Path, folder: Path, timeout_s: float) -> list[str]:
-    """Do in a folder what a page says; return what is not as it says, one text each."""
-    for name in given_by(page):
-        shutil.copytree(ROOT / name, folder / name)
-    wrong: list[str] = []
-    printed = ""
-    for block in blocks_of(page):
-        where = f"{page.name}:{block.line}"
-        if block.not_run:
-            printed = ""
-        elif block.title:
-            file = folder / block.title
+    def _block(self, example: Example) -> str:
+        block, not_run, self._not_run = example.parsed, self._not_run, False
+        if not_run:
+            self._printed = ""
+        elif block["title"]:
+            file = self._folder / block["title"]
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(block.text, encoding="utf-8")
-        elif block.language == "output":
-            wrong += [f"{where}: {text}" for text in differences(block.text, printed)]
+            file.write_text(block["source"], encoding="utf-8")
+        elif block["language"] == "output":
+            return differences(block["source"], self._printed)
         else:
-            done = run_text(block.language, block.text, folder, timeout_s)
-            printed = done.stdout
+            done = run_text(block["language"], block["source"], self._folder, self._timeout_s)
+            self._printed = done.stdout
             if done.returncode != 0:
-                return [*wrong, f"{where}: exit code {done.returncode}\n{done.stdout}{done.stderr[-3000:]}"]
-    return wrong
+                return f"exit code {done.returncode}\n{done.stdout}{done.stderr[-3000:]}"
+        return ""
+
+
+def blocks_of(page: Path) -> list[dict[str, str]]:
+    """Return the blocks of a page: language, title, source, and why it is not run, if it is not."""
+    blocks, reason = [], ""
+    for example in Document.parse(str(page), PageRun(page.parent, 0.0)).examples():
+        if "directive" in example.parsed:
+            reason = example.parsed["arguments"] if example.parsed["directive"] == "not run" else ""
+        else:
+            blocks.append({**example.parsed, "not_run": reason})
+            reason = ""
+    return blocks
+
+
+def run_page(page: Path, folder: Path, timeout_s: float) -> None:
+    """Do in a folder what a page says; sybil raises where something is not as it says."""
+    for example in Document.parse(str(page), PageRun(folder, timeout_s)).examples():
+        example.evaluate()
 
 
 def run_text(language: str, text: str, folder: Path, timeout_s: float) -> subprocess.CompletedProcess[str]:
@@ -106,15 +110,15 @@ def _commands(folder: Path) -> Path:
     return commands
 
 
-def differences(shown: str, printed: str) -> list[str]:
-    """Return where a page shows something else than what was printed.
+def differences(shown: str, printed: str) -> str:
+    """Return how a page shows something else than what was printed; empty if it does not.
 
     Lines are compared word by word, numbers within 10 % and half of their last digit, because the last digits
     differ from machine to machine. A line of "…" stands for any lines, "…" in a line for any text.
     """
     expected = [line.split() for line in shown.splitlines() if line.strip()]
     found = [line.split() for line in printed.splitlines() if line.strip()]
-    return [] if _match(expected, found) else [f"shows\n{shown}but what was printed is\n{printed}"]
+    return "" if _match(expected, found) else f"the page shows\n{shown}but what was printed is\n{printed}"
 
 
 def _match(expected: list[list[str]], found: list[list[str]]) -> bool:

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64MultiArray
 from tel_ros.app.check_command import check
 from tel_ros.recording import topics
 
-pytestmark = pytest.mark.timeout(90)
+pytestmark = [pytest.mark.timeout(90), pytest.mark.realtime]
 
 CONFIG = ROOT / "config" / "planar_arm.yaml"
 FAKE_ARM = ROOT / "test" / "contract" / "fake_arm.py"

@@ -140,6 +140,7 @@ def test_a_trial_is_aborted_at_its_limits_and_the_arm_braked_and_held(
     assert np.abs(stop[-1].velocity_rad_s).max() < 0.1
 
 
+@pytest.mark.realtime
 def test_a_trial_without_joint_states_ends_with_zero_effort(graph: StartGraph) -> None:
     # So long that a busy machine does not come first.
     running = graph(ARM_AND_CONTROLLER, "sim.clock=realtime", "control.state_timeout_s=2.0")

@@ -124,6 +124,7 @@ def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_
     assert "emergency stop (/safety/stop)" in summary["trials"][-1]["message"]
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hangs"])
 def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed_or_hangs(
     graph: StartGraph, how: signal.Signals

@@ -46,6 +46,7 @@ def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
         np.testing.assert_array_equal(sent, trial.equilibrium_rad)
 
 
+@pytest.mark.realtime
 def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero_is_a_posture(
     graph: Callable[..., Graph],
 ) -> None:

@@ -83,6 +83,7 @@ def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel:
             assert recorded(first.folder / name, topic) == recorded(second.folder / name, topic), topic
 
 
+@pytest.mark.realtime
 @pytest.mark.timeout(300)
 def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")

@@ -38,6 +38,7 @@ def connected(graph: StartGraph, *overrides: str):  # noqa: ANN201
     return running, states, pub
 
 
+@pytest.mark.realtime
 def test_in_real_time_the_effort_goes_to_zero_within_100_ms_of_silence(graph: StartGraph) -> None:
     running, states, pub = connected(graph, "sim.clock=realtime")
 
@@ -87,6 +88,7 @@ def test_in_lockstep_a_moving_arm_that_nobody_commands_coasts_to_rest(graph: Sta
     assert list(states[-1].effort) == [0.0, 0.0]
 
 
+@pytest.mark.realtime
 def test_a_command_that_cannot_be_used_moves_nothing(graph: StartGraph) -> None:
     running, states, pub = connected(graph, "sim.clock=realtime")
     for effort in ([float("nan"), 0.0], [1.0], [float("inf"), 1.0]):
@@ -98,6 +100,7 @@ def test_a_command_that_cannot_be_used_moves_nothing(graph: StartGraph) -> None:
     running.spin_until(lambda: "expected 2 finite numbers" in running.log("sim_bridge"), 5.0, "a complaint")
 
 
+@pytest.mark.realtime
 def test_in_real_time_a_command_that_answers_too_old_a_state_is_not_applied(graph: StartGraph) -> None:
     running, states, pub = connected(graph, "sim.clock=realtime", "sim.command_age_limit_s=0.2")
 
@@ -120,6 +123,7 @@ def test_in_real_time_a_command_that_answers_too_old_a_state_is_not_applied(grap
     running.spin_until(push, 10.0, "the effort of a command in time")
 
 
+@pytest.mark.realtime
 def test_in_real_time_the_arms_time_is_that_on_the_wall_after_a_stall_as_well(graph: StartGraph) -> None:
     running, states, _ = connected(graph, "sim.clock=realtime")
     running.signal("sim_bridge", signal.SIGSTOP)
