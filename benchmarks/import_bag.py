@@ -25,10 +25,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from tel_ros.app.imported import ImportRequest, extrapolation_warning, import_and_train
-from tel_ros.core.learning.identification.fit import held_out_error
-from tel_ros.core.learning.identification.torque_prediction import predict_torque
-from tel_ros.core.learning.identification.torque_samples import chosen_cutoff_hz, motion, torque_samples
 from tel_ros.core.learning.noise import low_pass
+from tel_ros.core.learning.torque_fit import held_out_error, predict_torque
+from tel_ros.core.learning.torque_samples import chosen_cutoff_hz, motion, torque_samples
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.sources import read_sources

@@ -41,9 +41,9 @@ from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TelError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import LearnerContext
+from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray, IntArray
-from tel_ros.recording.learners import learner_kind
 
 ROOT = Path(__file__).parents[1]
 BATCH = 2250

@@ -21,10 +21,8 @@ from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
-from tel_ros.core.learning.learner import Learner, TrainingOutcome
-from tel_ros.core.learning.record import learning_record
-from tel_ros.core.learning.signals import TrialSignals, configured_samples
-from tel_ros.core.learning.std_along import std_along
+from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
+from tel_ros.core.learning.signals import TrialSignals, configured_samples, learning_record
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lessons import has_to_teach, is_learned_from

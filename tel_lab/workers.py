@@ -117,7 +117,7 @@ def has_ray() -> bool:
 
 
 def _call(function: Callable[..., R], arguments: tuple[Any, ...]) -> R | Failure:
-    from tel_ros.core.learning.one_thread import on_one_thread  # loads the linear algebra
+    from tel_ros.core.learning.least_squares import on_one_thread  # loads the linear algebra
 
     try:
         return on_one_thread(function)(*arguments)

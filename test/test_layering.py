@@ -22,7 +22,7 @@ CORE, RECORDING, NODES = (ROOT / "tel_ros" / part for part in ("core", "recordin
 ARRAY_LIBRARIES = {"numpy", "scipy", "numba"}
 ALSO_IN_CORE = {
     CORE / "learning" / "rigid_body.py": {"pinocchio"},
-    CORE / "learning" / "one_thread.py": {"threadpoolctl"},
+    CORE / "learning" / "least_squares.py": {"threadpoolctl"},
 }
 """The two modules of the core that need another library, and which."""
 COMMAND_CHANNEL = NODES / "command_channel.py"

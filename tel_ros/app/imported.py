@@ -12,18 +12,15 @@ import numpy as np
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.core.learning.identification.excitation import Excitation, excitation, input_name
-from tel_ros.core.learning.identification.fit import Fit, fit_torque
-from tel_ros.core.learning.identification.joint_recording import JointRecording
-from tel_ros.core.learning.identification.resampling import median_period_s
-from tel_ros.core.learning.identification.torque_prediction import TorquePrediction
-from tel_ros.core.learning.identification.torque_samples import TorqueSamples, torque_samples
-from tel_ros.core.learning.inputs import InputRange
+from tel_ros.core.learning.inputs import InputRange, input_name
+from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.learning.learner import Learner, LearnerContext
+from tel_ros.core.learning.registry import learner_kind
+from tel_ros.core.learning.torque_fit import Fit, TorquePrediction, fit_torque
+from tel_ros.core.learning.torque_samples import Excitation, TorqueSamples, excitation, torque_samples
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.arm_description import arm_description
 from tel_ros.recording.foreign.sources import read_sources
-from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.shared_files import named_file
 
@@ -255,7 +252,7 @@ def _recording_report(recording: JointRecording) -> RecordingReport:
         source=recording.source,
         n_samples=len(recording.time_s),
         duration_s=recording.duration_s,
-        rate_hz=1.0 / median_period_s(recording),
+        rate_hz=1.0 / recording.median_period_s,
         jitter_s=float(np.std(np.diff(recording.time_s))),
     )
 

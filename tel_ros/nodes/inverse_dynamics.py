@@ -11,9 +11,8 @@ from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, Tra
 
 from tel_ros.core.errors import TelError, TrainingError
 from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.learning.learner import Learner, TrainingOutcome
+from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
 from tel_ros.core.learning.signals import configured_samples
-from tel_ros.core.learning.std_along import std_along
 from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters

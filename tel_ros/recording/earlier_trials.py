@@ -16,8 +16,7 @@ from typing import Any
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.learning.learner import Learner
-from tel_ros.core.learning.std_along import std_along
+from tel_ros.core.learning.learner import Learner, std_along
 from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.lock_up import LockUpMonitor

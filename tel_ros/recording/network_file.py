@@ -28,7 +28,7 @@ from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
-from tel_ros.recording.learners import learner_kind
+from tel_ros.core.learning.registry import learner_kind
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"

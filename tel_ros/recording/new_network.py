@@ -10,9 +10,9 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
+from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.strategy import movements_to_cover
-from tel_ros.recording.learners import learner_kind
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 

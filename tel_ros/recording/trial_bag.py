@@ -15,8 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, TelError
-from tel_ros.core.learning.record import learning_record
-from tel_ros.core.learning.signals import TrialSignals
+from tel_ros.core.learning.signals import TrialSignals, learning_record
 from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.trial import LoopTiming, Outcome, Phase
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from two_link import TwoLinkArm
 
-from tel_ros.core.learning.identification.joint_recording import JointRecording
 from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import FloatArray
 
 JOINTS = ("shoulder", "elbow")

@@ -28,7 +28,7 @@ def context() -> LearnerContext:
 
 
 def untrained(gain: float) -> FeedbackErrorLearning:
-    return FeedbackErrorLearning(LmsLearner.new(context()), PERIOD_S, gain)
+    return FeedbackErrorLearning(LmsLearner(context()), PERIOD_S, gain)
 
 
 def test_untrained_it_is_a_servo_with_a_reference_of_the_velocity() -> None:

@@ -14,12 +14,12 @@ import pytest
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, NetworkFileError
+from tel_ros.core.learning import registry as learners
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
-from tel_ros.core.learning.rigid_body_learner import RigidBodyLearner
-from tel_ros.recording import learners
-from tel_ros.recording.learners import GROUP, learner_kind
+from tel_ros.core.learning.registry import GROUP, learner_kind
+from tel_ros.core.learning.rigid_body import RigidBodyLearner
 from tel_ros.recording.network_file import load_network, save_network
 from tel_ros.recording.new_network import learner_context, new_network
 
@@ -34,7 +34,7 @@ class TheirKind:
     """What their entry point names."""
 
     def new(self, context: LearnerContext) -> TheirLearner:
-        return TheirLearner.new(context)
+        return TheirLearner(context)
 
     def restored(self, context: LearnerContext, stored: StoredLearner) -> TheirLearner:
         return TheirLearner.restored(context, stored)
@@ -51,7 +51,7 @@ class WithoutRestored:
     """It can begin, but not go on."""
 
     def new(self, context: LearnerContext) -> TheirLearner:
-        return TheirLearner.new(context)
+        return TheirLearner(context)
 
 
 @pytest.fixture(autouse=True)

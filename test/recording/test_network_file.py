@@ -42,7 +42,7 @@ CONTEXT = LearnerContext(
 
 
 def trained(trials: int, **context: object) -> LmsLearner:
-    network = LmsLearner.new(dataclasses.replace(CONTEXT, **context))
+    network = LmsLearner(dataclasses.replace(CONTEXT, **context))
     for trial in range(trials):
         network, _ = network.trained_on(samples(trial), "actual")
     return network

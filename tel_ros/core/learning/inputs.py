@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,8 +19,14 @@ def stack_inputs(
     return np.hstack([position_rad, velocity_rad_s, acceleration_rad_s2])
 
 
+def input_name(joints: Sequence[str], column: int) -> str:
+    """Return what a column of the inputs is, e.g. ``elbow velocity``."""
+    kind, joint = divmod(column, len(joints))
+    return f"{joints[joint]} {('position', 'velocity', 'acceleration')[kind]}"
+
+
 def query_inputs(desired: DesiredTrajectory, control_period_s: float) -> FloatArray:
-    """Return the inputs at which to ask for the commands of a desired trajectory.
+    """Return the inputs at which to ask for the commands of a desired trajectory. Shape (n, 3 * n_joints).
 
     The command of a tick acts during the interval that follows it, so it is paired with the mean acceleration
     of that interval, in the middle of it; training does the same (see :mod:`.signals`).
@@ -27,9 +34,6 @@ def query_inputs(desired: DesiredTrajectory, control_period_s: float) -> FloatAr
     Args:
         desired: y.
         control_period_s: how long one command acts.
-
-    Returns:
-        Shape (n, 3 * n_joints).
     """
     middle_ns = desired.time_ns + 0.5 * control_period_s * NS_PER_S
     acceleration = np.column_stack(
@@ -68,7 +72,8 @@ class InputRange:
         )
 
     @cached_property
-    def _width(self) -> FloatArray:
+    def width(self) -> FloatArray:
+        """``high`` minus ``low``. Shape (n_inputs,)."""
         width: FloatArray = self.high - self.low
         return width
 
@@ -78,5 +83,5 @@ class InputRange:
         from tel_ros.core.learning import tree_kernels
 
         # Compiled, because a single sample costs NumPy several times as much.
-        scaled: FloatArray = tree_kernels.scale(inputs, self.low, self._width)
+        scaled: FloatArray = tree_kernels.scale(inputs, self.low, self.width)
         return scaled

@@ -1,25 +1,31 @@
 """What every learner of inverse dynamics can do: the contract between practice and learning.
 
 A learner is a value: it never changes, and training returns another one. So whatever goes wrong in training,
-the learner that answered before still does. Learners are found by name; a package of a user's own offers one
-as an entry point of the group ``tel_ros.learners`` that names a :class:`LearnerKind`.
+the learner that answered before still does. Learners are found by name (:mod:`.registry`); a package of a
+user's own offers one as an entry point of the group ``tel_ros.learners`` that names a :class:`LearnerKind`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
 from tel_ros.core.config import LearningConfig
+from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray
 
 TrainingMode = Literal["actual", "desired"]
 Predicts = Literal["equilibrium", "torque"]
+_RMS_SAMPLES = 1000
+"""Samples, evenly spread over a trial, that an RMS value is computed from."""
+_STD_POINTS = 225
+"""Points of a movement at which its uncertainty is computed."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,8 @@ class LearnerKind(Protocol):
 class Learner(Protocol):
     """Learned inverse dynamics N: from (q, q̇, q̈) of all joints to the offset u - q of the equilibrium point.
 
-    Inputs have shape (n, 3 * n_joints), in SI units; outputs (n, n_joints), in rad.
+    Inputs have shape (n, 3 * n_joints), in SI units; outputs (n, n_joints), in rad. Untrained it gives 0: the
+    equilibrium point is the desired position, which is right at low speed ([Practice] Sec. 2.2).
     """
 
     context: LearnerContext
@@ -124,11 +131,11 @@ class Learner(Protocol):
         ...
 
     def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did.
+        """Return a learner that has learned from one trial, and what that did; this one stays as it is.
 
         Args:
             samples: the trial.
-            mode: where to apply the command error (see :func:`~.training_pair.training_pair`).
+            mode: where to apply the command error (see :func:`training_pair`).
 
         Raises:
             TrainingError: the samples cannot be learned from, or what was learned is not finite.
@@ -138,3 +145,68 @@ class Learner(Protocol):
     def stored(self) -> StoredLearner:
         """Return everything that predictions and further training depend on."""
         ...
+
+
+def training_pair(
+    mode: TrainingMode, samples: TrainingSamples, predict: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the inputs to train the network at, and what it should say there.
+
+    Only the command û that was sent has a known outcome ŷ, so the error is always δ = û - N(ŷ). ``actual``
+    removes it at ŷ, ``desired`` changes the output at y by the same δ ([Practice] Sec. 2.1 and Fig. 1;
+    convergence by Theorems 2 and 1). δ is that of the network before training, as in Theorem 1.
+
+    Args:
+        mode: where to apply the error.
+        samples: one trial.
+        predict: N, from shape (n, 3 * n_joints) to offsets u - q of shape (n, n_joints).
+
+    Returns:
+        Inputs of shape (n, 3 * n_joints) and targets in rad of shape (n, n_joints).
+
+    Raises:
+        TrainingError: a sample is not finite.
+    """
+    for name in ("actual", "desired", "offset_rad"):
+        if not np.all(np.isfinite(getattr(samples, name))):
+            raise TrainingError(f"{name} has values that are not finite; the network is unchanged")
+    if mode == "actual":
+        return samples.actual, samples.offset_rad
+    return samples.desired, predict(samples.desired) + samples.offset_rad - predict(samples.actual)
+
+
+def outcome(
+    before: Learner, after: Learner, samples: TrainingSamples, grown: tuple[str, ...]
+) -> TrainingOutcome:
+    """Return what training on a trial has changed.
+
+    Raises:
+        TrainingError: a figure is not finite; ``after`` must not be used then.
+    """
+    rows = slice(None, None, max(1, len(samples.offset_rad) // _RMS_SAMPLES))
+    desired, actual, offset_rad = samples.desired[rows], samples.actual[rows], samples.offset_rad[rows]
+    rms_rad = (
+        rms(offset_rad - before.predict(actual)),
+        rms(offset_rad - after.predict(actual)),
+        rms(after.predict(desired) - before.predict(desired)),
+    )
+    if not all(map(math.isfinite, rms_rad)):
+        raise TrainingError(f"the RMS errors {rms_rad} rad are not finite; the network is unchanged")
+    return TrainingOutcome(*rms_rad, grown=grown)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root of the mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def std_along(learner: Learner, inputs: FloatArray) -> FloatArray:
+    """Return the standard deviation of the command's error [rad] along a movement; inf where not known.
+
+    It is computed at some of the points only: it costs much more than the prediction, and changes as slowly
+    as the movement. Input shape (n, 3 * n_joints), output shape (n, n_joints).
+    """
+    step = max(1, len(inputs) // _STD_POINTS)
+    asked = np.unique(np.append(np.arange(0, len(inputs), step), len(inputs) - 1))
+    std = learner.std(inputs[asked])
+    return np.column_stack([np.interp(np.arange(len(inputs)), asked, column) for column in std.T])

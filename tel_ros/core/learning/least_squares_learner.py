@@ -9,34 +9,38 @@ from typing import Protocol, Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.calibration import Calibration
-from tel_ros.core.learning.held_out import (
+from tel_ros.core.learning.experience import (
     CHANGED,
     CLEARLY,
+    Calibration,
+    SampleMemory,
     alternate_slices,
     arm_has_changed,
     better_strength,
+    counted,
+    thinning,
 )
-from tel_ros.core.learning.learner import LearnerContext, StoredLearner, TrainingMode, TrainingOutcome
-from tel_ros.core.learning.one_thread import on_one_thread
-from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
+from tel_ros.core.learning.learner import (
+    LearnerContext,
+    StoredLearner,
+    TrainingMode,
+    TrainingOutcome,
+    outcome,
+    rms,
+    training_pair,
+)
+from tel_ros.core.learning.least_squares import TreeData, TreeRegression, on_one_thread
+from tel_ros.core.learning.lms_tree import growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.learning.signals import TrainingSamples
-from tel_ros.core.learning.training_pair import outcome, rms, training_pair
-from tel_ros.core.learning.tree_regression import TreeData, TreeRegression
-from tel_ros.core.learning.tree_set import (
-    change_variance,
-    growth_text,
-    new_trees,
-    restore_trees,
-    tree_arrays,
-)
 from tel_ros.core.types import BoolArray, FloatArray
 
+BASE = "base_"
+"""Begins the names of the stored arrays of the base."""
 _FIRST_STRENGTH = 0.1
 
 
 class Base(Protocol):
-    """A model that the trees only have to correct."""
+    """A model that the trees only have to correct: a learner with these."""
 
     changed: bool
     stuck_trust: FloatArray
@@ -79,11 +83,6 @@ class LeastSquaresLearner:
         self._calibration = Calibration.unknown(len(context.joints))
 
     @classmethod
-    def new(cls, context: LearnerContext) -> Self:
-        """Return an untrained learner."""
-        return cls(context)
-
-    @classmethod
     def restored(cls, context: LearnerContext, stored: StoredLearner, base: Base | None = None) -> Self:
         """Return a learner from its description."""
         learner = cls(context, base)
@@ -114,7 +113,7 @@ class LeastSquaresLearner:
         if self.base is not None:
             base = self.base.stored()
             header["base"] = dict(base.header)
-            arrays |= {f"base_{name}": array for name, array in base.arrays.items()}
+            arrays |= {f"{BASE}{name}": array for name, array in base.arrays.items()}
         return StoredLearner(header, arrays)
 
     @property
@@ -147,7 +146,7 @@ class LeastSquaresLearner:
 
     @on_one_thread
     def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did; this one stays as it is.
+        """Return a learner that has learned from one trial, and what that did.
 
         Raises:
             TrainingError: what was learned is not finite.
@@ -189,25 +188,25 @@ class LeastSquaresLearner:
 
     def _trust(self, sliding: BoolArray) -> FloatArray:
         """Return how far samples of the latest trial are to be believed. Shape (n, n_joints)."""
-        if self.base is None:  # trees cannot tell dry friction from anything else
+        if self.base is None:  # trees cannot separate dry friction from other torques
             return np.ones(sliding.shape)
         return np.where(sliding, 1.0, self.base.stuck_trust)
 
     def _tree_data(self, memory: SampleMemory) -> TreeData:
-        scaled = self.context.input_range.scale(memory.inputs)
-        width = self.context.input_range.high - self.context.input_range.low
-        return TreeData(scaled, memory.noise / width, memory.weight)
+        """Return samples in the units of the trees."""
+        range_ = self.context.input_range
+        return TreeData(range_.scale(memory.inputs), memory.noise / range_.width, memory.weight)
 
-    def _targets(self, memory: SampleMemory) -> FloatArray:
-        """Return what the trees have to say at samples. Shape (n, n_joints).
+    def _data(self, memory: SampleMemory) -> tuple[TreeData, FloatArray]:
+        """Return samples in the units of the trees, and what the trees should say there, (n, n_joints).
 
-        Where a target cannot be believed, that is to leave the word to the base: a tree that was not asked
-        there at all would say anything.
+        A target is shrunk to zero as far as it cannot be believed, which leaves the prediction to the base: a
+        tree that never sees such a sample could say anything there.
         """
         if self.base is None:
-            return memory.targets_rad
+            return self._tree_data(memory), memory.targets_rad
         wanted: FloatArray = memory.trust * (memory.targets_rad - self.base.predict(memory.inputs))
-        return wanted
+        return self._tree_data(memory), wanted
 
     def _start_over(self) -> SampleMemory:
         """Forget all samples and return the memory that is left; the trees keep their form."""
@@ -223,8 +222,7 @@ class LeastSquaresLearner:
         if len(old) == 0:
             chosen = alternate_slices(len(new))
             learned, held_out = new[chosen], new[~chosen]
-        learned_data, held_out_data = self._tree_data(learned), self._tree_data(held_out)
-        learned_y, held_out_y = self._targets(learned), self._targets(held_out)
+        (learned_data, learned_y), (held_out_data, held_out_y) = self._data(learned), self._data(held_out)
         notes: list[str] = []
         for j, joint in enumerate(self._joints):
             if len(old) == 0:
@@ -248,7 +246,7 @@ class LeastSquaresLearner:
                 if joint.tree.n_subtrees >= self.context.learning.max_subtrees:
                     break
                 leaf = joint.tree.most_pulled_leaf(
-                    change_variance(joint.tree, held_out_data.inputs, residual(joint))
+                    joint.tree.change_variance(held_out_data.inputs, residual(joint))
                 )
                 grown = joint.copy()
                 grown.grow(leaf, learned_data)
@@ -265,8 +263,7 @@ class LeastSquaresLearner:
 
     def _fit(self, old: SampleMemory, new: SampleMemory) -> None:
         """Solve for the weights with all samples."""
-        new_data, new_y = self._tree_data(new), self._targets(new)
-        old_data, old_y = self._tree_data(old), self._targets(old)
+        (new_data, new_y), (old_data, old_y) = self._data(new), self._data(old)
         for j, joint in enumerate(self._joints):
             joint.gram = joint.gram + joint.gram_of(new_data)
             joint.solve(joint.moment_of(old_data, old_y[:, j]) + joint.moment_of(new_data, new_y[:, j]))
@@ -280,8 +277,8 @@ class LeastSquaresLearner:
     def _gram_of(self, joint: TreeRegression, memory: SampleMemory) -> FloatArray:
         """Return the normal equations of a memory, summed up trial by trial.
 
-        In the order, that is, in which they are summed up while trials come. So a learner that was stored
-        goes on as if it had not been, down to rounding.
+        That is the order in which they are summed up while trials come. So a learner that was stored goes on
+        as if it had not been, down to rounding.
         """
         gram = np.zeros_like(joint.gram)
         for trial in np.unique(memory.trial):
@@ -290,8 +287,7 @@ class LeastSquaresLearner:
 
     def _residuals(self, old: SampleMemory, new: SampleMemory) -> tuple[FloatArray, FloatArray]:
         """Return how well the new samples are fitted with the old ones, and alone. Shapes (n_joints,)."""
-        new_data, new_y = self._tree_data(new), self._targets(new)
-        old_data, old_y = self._tree_data(old), self._targets(old)
+        (new_data, new_y), (old_data, old_y) = self._data(new), self._data(old)
         residuals = np.zeros((2, len(self._joints)))
         for j, joint in enumerate(self._joints):
             moment_old = joint.moment_of(old_data, old_y[:, j])

@@ -8,21 +8,22 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.calibration import Calibration
-from tel_ros.core.learning.learner import LearnerContext, StoredLearner, TrainingMode, TrainingOutcome
-from tel_ros.core.learning.lms_tree import LmsTree
+from tel_ros.core.learning.experience import Calibration
+from tel_ros.core.learning.learner import (
+    LearnerContext,
+    StoredLearner,
+    TrainingMode,
+    TrainingOutcome,
+    outcome,
+    training_pair,
+)
+from tel_ros.core.learning.lms_tree import LmsTree, growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.learning.signals import TrainingSamples
-from tel_ros.core.learning.training_pair import outcome, training_pair
-from tel_ros.core.learning.tree_set import growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.types import FloatArray
 
 
 class LmsLearner:
-    """One LMS tree a joint, from (q, q̇, q̈) of all joints to the offset u - q of the equilibrium point.
-
-    Untrained it gives 0: the equilibrium point is the desired position, which is right at low speed
-    ([Practice] Sec. 2.2).
-    """
+    """One LMS tree a joint; see :class:`~.learner.Learner`."""
 
     def __init__(self, context: LearnerContext) -> None:
         self.context, self.trials_learned = context, 0
@@ -30,11 +31,6 @@ class LmsLearner:
         self._seen = [np.zeros_like(tree.weights) for tree in self._trees]
         """Σ ψ² of each weight: how often and how strongly it has been used in learning."""
         self._calibration = Calibration.unknown(len(context.joints))
-
-    @classmethod
-    def new(cls, context: LearnerContext) -> Self:
-        """Return an untrained learner."""
-        return cls(context)
 
     @classmethod
     def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
@@ -67,8 +63,8 @@ class LmsLearner:
     def std(self, inputs: FloatArray) -> FloatArray:
         """Return the standard deviation of the error [rad]. Shape (n, n_joints).
 
-        LMS has no covariance of its weights; in its place stands a diagonal one, from how much each weight
-        has been used (ours).
+        LMS has no covariance of its weights; a diagonal one, from how much each weight has been used, takes
+        its place (ours).
         """
         return self._calibration.std(self._leverage(inputs))
 
@@ -82,15 +78,11 @@ class LmsLearner:
 
     @np.errstate(over="ignore", invalid="ignore")  # what does not stay finite is refused
     def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did; this one stays as it is.
+        """Return a learner that has learned from one trial, and what that did.
 
-        The samples are gone through in random order: neighbours in time are so alike that in their own order
-        each part of the movement overwrites what the others taught (error of the second trial of the paper's
+        The samples are learned in random order: neighbours in time are so alike that in their own order each
+        part of the movement overwrites what the others taught (error of the second trial of the paper's
         schedule 0.116 instead of 0.005 rad).
-
-        Args:
-            samples: the trial.
-            mode: where to apply the command error.
 
         Raises:
             TrainingError: the weights or the outcome did not stay finite.

@@ -7,16 +7,18 @@ about it; where it had to be chosen it is ours, and marked so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from tel_ros.core.learning import tree_kernels
+from tel_ros.core.learning.inputs import input_name
+from tel_ros.core.learning.learner import LearnerContext
 from tel_ros.core.types import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class Leaf:
+class Leaf(NamedTuple):
     """One weight of the tree: a Gaussian of one input, in one subtree (0 is the root)."""
 
     subtree: int
@@ -42,10 +44,8 @@ class LmsTree:
         self.n_inputs, self.n_gaussians, self.width = n_inputs, n_gaussians, width
         self.normalised = normalised
         self.weights: FloatArray = np.zeros((1, n_inputs, n_gaussians))
-        self.parents: list[Leaf] = []
-        """The leaf that each subtree hangs under; subtree k is ``parents[k - 1]``."""
-        self.parents_array: IntArray = np.empty((0, 3), dtype=np.int64)
-        """The same as (subtree, input, gaussian). Shape (n_subtrees, 3)."""
+        self.parents: IntArray = np.empty((0, 3), dtype=np.int64)
+        """The leaf that each subtree hangs under; subtree k has row k - 1. Shape (n_subtrees, 3)."""
         self._sigma = width / (n_gaussians - 1)
 
     @property
@@ -56,36 +56,49 @@ class LmsTree:
     def features(self, inputs: FloatArray) -> FloatArray:
         """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * G) for inputs of shape (n, D)."""
         return tree_kernels.features(
-            np.ascontiguousarray(inputs), self.parents_array, self.n_gaussians, self._sigma, self.normalised
+            np.ascontiguousarray(inputs), self.parents, self.n_gaussians, self._sigma, self.normalised
         )
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return N(x). Input shape (n, D) in 0 … 1, output shape (n,)."""
         return tree_kernels.predict(
-            np.ascontiguousarray(inputs), self.parents_array, self.weights, self._sigma, self.normalised
+            np.ascontiguousarray(inputs), self.parents, self.weights, self._sigma, self.normalised
         )
 
     def grow(self, leaf: Leaf) -> None:
         """Hang a new subtree with zero weights under a leaf; the output does not change."""
-        self.parents.append(leaf)
-        row = np.array([[leaf.subtree, leaf.input, leaf.gaussian]], dtype=np.int64)
-        self.parents_array = np.concatenate([self.parents_array, row])
+        self.parents = np.concatenate([self.parents, np.array([leaf], dtype=np.int64)])
         self.weights = np.concatenate([self.weights, np.zeros((1, self.n_inputs, self.n_gaussians))])
 
     def most_pulled_leaf(self, change_variance: FloatArray) -> Leaf:
         """Return the leaf without a subtree whose weight changes varied most.
 
-        A weight that keeps being pulled in different directions stands for something that depends on another
-        input as well: there the tree has to grow.
+        A weight that keeps being pulled in different directions depends on another input as well: there the
+        tree has to grow.
 
         Args:
             change_variance: variance of each weight's changes over a trial. Shape of ``weights``.
         """
         variance = change_variance.copy()
-        for leaf in self.parents:
-            variance[leaf.subtree, leaf.input, leaf.gaussian] = -1.0
+        variance[tuple(self.parents.T)] = -1.0
         k, d, i = np.unravel_index(int(np.argmax(variance)), variance.shape)
         return Leaf(int(k), int(d), int(i))
+
+    def change_variance(self, inputs: FloatArray, residual: FloatArray) -> FloatArray:
+        """Return how much LMS would pull each weight to and fro, had it found these weights itself.
+
+        Args:
+            inputs: in 0 … 1. Shape (n, D).
+            residual: target minus output. Shape (n,).
+
+        Returns:
+            Variance of Δw = e ψ / |ψ|². Shape of ``weights``.
+        """
+        psi = self.features(inputs)
+        pull = residual / (1e-9 + np.einsum("ij,ij->i", psi, psi))
+        mean = pull @ psi / len(pull)
+        variance: FloatArray = pull**2 @ psi**2 / len(pull) - mean**2
+        return variance.reshape(self.weights.shape)
 
     def learn(
         self, inputs: FloatArray, target: FloatArray, rate: float, order: IntArray | None = None
@@ -106,7 +119,7 @@ class LmsTree:
             np.ascontiguousarray(inputs),
             np.ascontiguousarray(target),
             np.arange(len(inputs)) if order is None else order,
-            self.parents_array,
+            self.parents,
             weights,
             self._sigma,
             self.normalised,
@@ -114,3 +127,49 @@ class LmsTree:
         )
         self.weights = weights
         return variance
+
+
+def new_trees(context: LearnerContext) -> list[LmsTree]:
+    """Return one root a joint."""
+    learning = context.learning
+    normalised = learning.gaussians == "normalised" or (
+        learning.gaussians == "auto" and learning.weights == "least_squares"
+    )
+    n_inputs, size = 3 * len(context.joints), (learning.gaussians_per_input, learning.gaussian_width)
+    return [LmsTree(n_inputs, *size, normalised=normalised) for _ in context.joints]
+
+
+def tree_arrays(trees: Sequence[LmsTree]) -> dict[str, np.ndarray]:
+    """Return trees as arrays: ``weights_j`` (1 + subtrees, D, G) and ``parents_j`` (subtrees, 3)."""
+    arrays: dict[str, np.ndarray] = {}
+    for j, tree in enumerate(trees):
+        arrays[f"weights_{j}"], arrays[f"parents_{j}"] = tree.weights, tree.parents
+    return arrays
+
+
+def restore_trees(context: LearnerContext, arrays: Mapping[str, np.ndarray]) -> list[LmsTree]:
+    """Return the trees in arrays.
+
+    Raises:
+        ValueError: they do not fit together.
+    """
+    trees = new_trees(context)
+    for j, tree in enumerate(trees):
+        for row in arrays[f"parents_{j}"]:
+            leaf = Leaf(*(int(value) for value in row))
+            if not (0 <= leaf.subtree <= tree.n_subtrees and 0 <= leaf.input < tree.n_inputs
+                    and 0 <= leaf.gaussian < tree.n_gaussians):  # fmt: skip
+                raise ValueError(f"a subtree hangs under {leaf}, which is no leaf of an earlier subtree")
+            tree.grow(leaf)
+        weights = arrays[f"weights_{j}"]
+        if weights.shape != tree.weights.shape:
+            raise ValueError(f"weights_{j} has shape {weights.shape}, not {tree.weights.shape}")
+        tree.weights = np.ascontiguousarray(weights, dtype=np.float64)
+    return trees
+
+
+def growth_text(joints: Sequence[str], joint: int, subtree: int, leaf: Leaf) -> str:
+    """Say what has grown where."""
+    home = f"subtree {leaf.subtree}" if leaf.subtree else "the root"
+    name = input_name(joints, leaf.input)
+    return f"{joints[joint]}: subtree {subtree} under Gaussian {leaf.gaussian + 1} of {name} in {home}"

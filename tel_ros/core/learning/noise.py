@@ -1,8 +1,4 @@
-"""Noise of recorded positions, and the filter and derivatives through which it reaches the network.
-
-What is said of noise here holds for what :func:`low_pass` and :func:`derivatives` do; training uses the same
-two.
-"""
+"""Noise of recorded positions, the filter and derivatives that it goes through, and joints that may stick."""
 
 from __future__ import annotations
 
@@ -11,39 +7,34 @@ import math
 import numpy as np
 import scipy  # loads its parts when they are first used: half a second that most processes do without
 
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import BoolArray, FloatArray
 
 _FILTER_ORDER = 4
 _SEGMENT_S = 2.0
 """Of the spectra: half a Hz from line to line, and still a few segments to average in one trial."""
-
 _ABOVE_NOISE = 10.0
 """Power over that of the noise from which on it is motion. One line of pure noise, not averaged, gets there
 once in e¹⁰ = 22,000."""
-
 _HEADROOM = 1.5
 """Cutoff over the highest frequency of motion: two passes of the filter leave 96 % of the amplitude there."""
-
 _LOWEST_CUTOFF_HZ = 3.0
-"""The window smears whatever is slow over 2 Hz: the data cannot tell a lower cutoff."""
-
+"""The window smears slow motion over 2 Hz: the data do not support a lower cutoff."""
 _FASTEST_MOTION_HZ = 20.0
 """Up to here an arm may move whatever its sampling rate; further up only to a tenth of the rate."""
-
 _HIGHEST_CUTOFF = 0.4
-"""Of the sampling rate: above that the filter has next to nothing left to remove."""
-
+"""Of the sampling rate: above that the filter removes next to nothing."""
 _STEEP = 10.0
-"""Fall of the power within the octave below half of the rate from which on that is no white noise."""
-
+"""Fall of the power within the octave below half of the rate from which on it is not white noise."""
 _NEGLIGIBLE = 0.01
 """Noise of unfiltered accelerations, as a share of the accelerations, that is not worth a filter."""
+SLOWEST_SLIDING_RAD_S = 0.05
+"""A slower joint may alternate between sticking and slipping, of which a low-pass leaves the mean."""
+_CLEAR_OF_NOISE = 3.0
+"""Standard deviations of the velocity that count as movement."""
 
 
 def low_pass(values: FloatArray, cutoff_hz: float, period_s: float) -> FloatArray:
-    """Return values without what is faster than a frequency, and without lag.
-
-    Butterworth of order 4, forwards and backwards.
+    """Return values filtered without lag: Butterworth of order 4, forwards and backwards.
 
     Args:
         values: evenly sampled, at least 50 rows. Shape (n, n_columns).
@@ -66,16 +57,9 @@ def filters(cutoff_hz: float, period_s: float) -> bool:
 
 
 def derivatives(position_rad: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return velocities and accelerations of evenly sampled positions.
+    """Return velocities and accelerations of evenly sampled positions, all of shape (n, n_joints).
 
     Velocities are central differences. The acceleration of row k is the mean one from k to k + 1.
-
-    Args:
-        position_rad: shape (n, n_joints).
-        period_s: from row to row.
-
-    Returns:
-        In rad/s and rad/s². Shapes (n, n_joints).
     """
     velocity = np.gradient(position_rad, period_s, axis=0)
     acceleration = np.diff(velocity, axis=0, append=velocity[-1:]) / period_s
@@ -83,18 +67,15 @@ def derivatives(position_rad: FloatArray, period_s: float) -> tuple[FloatArray, 
 
 
 def sensor_noise(values: FloatArray, period_s: float) -> FloatArray:
-    """Return the standard deviation of the white noise on recorded positions.
+    """Return the standard deviation [rad] of the white noise on recorded positions. Shape (n_joints,).
 
-    It is taken from above a quarter of the sampling rate, where a motion that was sampled well enough has
-    nothing. Rounding by an encoder counts as noise: a step of δ has δ / √12 while the joint turns. A joint
-    that stands still on one step seems free of noise.
+    It is taken from above a quarter of the sampling rate, where a motion that was sampled well enough has no
+    power. Rounding by an encoder counts as noise: a step of δ has δ / √12 while the joint turns. A joint that
+    stands still on one step seems free of noise.
 
     Args:
         values: positions in rad while the arm moves, evenly sampled; at least 50 rows. Shape (n, n_joints).
         period_s: from row to row.
-
-    Returns:
-        In rad. Shape (n_joints,).
     """
     _, _, floor = _spectrum(values, period_s)
     sigma: FloatArray = np.sqrt(floor * 0.5 / period_s)
@@ -102,7 +83,7 @@ def sensor_noise(values: FloatArray, period_s: float) -> FloatArray:
 
 
 def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
-    """Return the cutoff at which low-pass filtering takes off the noise and leaves the motion.
+    """Return the cutoff [Hz] at which low-pass filtering removes the noise and keeps the motion.
 
     That is 1.5 times the highest frequency at which the power of any joint's motion is ten times that of its
     noise. It is one frequency for all joints: each acts on the others, so all of them and their commands have
@@ -114,13 +95,13 @@ def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
         period_s: from row to row.
 
     Returns:
-        In Hz. The upper end of that range if no noise shows: if it is negligible even in unfiltered
-        accelerations, or the motion goes on up to half of the rate. There, at 50 Hz or less, 0 for no filter.
+        The upper end of that range if the noise does not show: it is negligible even in unfiltered
+        accelerations, or the motion goes on up to half of the rate. There, at 50 Hz or less, 0: no filter.
     """
     frequency_hz, power, floor = _spectrum(values, period_s)
     rate_hz = 1.0 / period_s
     highest_hz = max(0.1 * rate_hz, _FASTEST_MOTION_HZ)
-    # At a low rate anything may be motion; at a higher one, what lies above cannot be, whatever it is.
+    # At a low rate any frequency may be motion; at a higher one, what lies above cannot be.
     if_no_noise_hz = highest_hz if highest_hz < _HIGHEST_CUTOFF * rate_hz else 0.0
     if _falls_to_the_end(frequency_hz, power):
         return if_no_noise_hz
@@ -128,29 +109,51 @@ def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
     cutoff_hz = min(max(_HEADROOM * top_hz, _LOWEST_CUTOFF_HZ), highest_hz, _HIGHEST_CUTOFF * rate_hz)
     _, acceleration = derivatives(low_pass(values, cutoff_hz, period_s), period_s)
     noise = derivative_noise(0.0, period_s)[2] * sensor_noise(values, period_s)
-    # The joints accelerate each other: the noise of one that hardly moves counts beside what the others do.
+    # The joints accelerate each other: the noise of one that hardly moves counts against what the others do.
     negligible = noise.max() <= _NEGLIGIBLE * acceleration.std(axis=0).max()
     return if_no_noise_hz if negligible else cutoff_hz
+
+
+def filtered_impulse(cutoff_hz: float, period_s: float) -> FloatArray:
+    """Return what :func:`low_pass` makes of an impulse of 1, long enough for derivatives. Shape (n, 1)."""
+    # Of the slowest pole of the filter, exp(-2.4 · 5) = 6e-6 is left after 5 / cutoff.
+    memory = math.ceil(5.0 / (cutoff_hz * period_s)) if filters(cutoff_hz, period_s) else 0
+    impulse = np.zeros((2 * memory + 51, 1))
+    impulse[memory + 25] = 1.0
+    return low_pass(impulse, cutoff_hz, period_s)
 
 
 def derivative_noise(cutoff_hz: float, period_s: float) -> FloatArray:
     """Return what white noise of unit standard deviation on positions becomes behind filter and derivatives.
 
-    Args:
-        cutoff_hz: of :func:`low_pass`.
-        period_s: from sample to sample.
-
     Returns:
         Standard deviations in position [1], velocity [1/s] and acceleration [1/s²]; exact but at the ends of
         a record. Shape (3,).
     """
-    # Of the slowest pole of the filter, exp(-2.4 · 5) = 6e-6 is left after 5 / cutoff.
-    memory = math.ceil(5.0 / (cutoff_hz * period_s)) if filters(cutoff_hz, period_s) else 0
-    impulse = np.zeros((2 * memory + 51, 1))
-    impulse[memory + 25] = 1.0
-    position = low_pass(impulse, cutoff_hz, period_s)
+    position = filtered_impulse(cutoff_hz, period_s)
     responses = (position, *derivatives(position, period_s))
     return np.array([math.sqrt(float(np.sum(response**2))) for response in responses])
+
+
+def slides_throughout(velocity_rad_s: FloatArray, noise_rad_s: FloatArray, reach: int) -> BoolArray:
+    """Return when each joint moves in one direction in all that a sample is made of. Shape (n, n_joints).
+
+    A joint that slides is held back by c sgn(q̇). One that sticks is held by any torque within ±c (the
+    set-valued law of Coulomb, f ∈ c Sgn(q̇)); the command then says next to nothing about inertia, gravity or
+    c. The low-pass rounds the step that friction takes at a reversal, so samples near a reversal are as
+    uncertain as the reversal itself.
+
+    Args:
+        velocity_rad_s: filtered, evenly sampled. Shape (n, n_joints).
+        noise_rad_s: standard deviation of the noise that is left in it. Shape (n_joints,).
+        reach: ticks on either side that the filter mixes into a sample.
+    """
+    moves = np.maximum(SLOWEST_SLIDING_RAD_S, _CLEAR_OF_NOISE * noise_rad_s)
+    size = 2 * reach + 1
+    forwards = scipy.ndimage.minimum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") > moves
+    backwards = scipy.ndimage.maximum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") < -moves
+    result: BoolArray = forwards | backwards
+    return result
 
 
 def _spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -184,10 +187,10 @@ def _falls_to_the_end(frequency_hz: FloatArray, power: FloatArray) -> bool:
 
 
 def _top_of_motion(frequency_hz: FloatArray, power: FloatArray, floor: float) -> float:
-    """Return the highest frequency of one joint's motion: 0 if there is none.
+    """Return the highest frequency of one joint's motion; 0 if it does not move.
 
-    That is the highest loud one that can be reached from the strongest without a gap of more than an octave.
-    A motion has gaps between its harmonics; what is loud far above them is something else, as mains hum is.
+    That is the highest loud line within reach of the strongest one, without a gap of more than an octave. A
+    motion has gaps between its harmonics; what is loud far above them has another source, such as mains hum.
     """
     strongest_hz = frequency_hz[np.argmax(power)]
     loud_hz = frequency_hz[(power > _ABOVE_NOISE * floor) & (frequency_hz >= strongest_hz)]

@@ -1,24 +1,49 @@
-"""Inverse dynamics as what they are for rigid links: linear in masses, first and second moments.
+"""Inverse dynamics of rigid links, linear in masses, first and second moments, learned by least squares.
 
 τ = Y(q, q̇, q̈) π + viscous and Coulomb friction. Y follows from the kinematics alone, so the URDF need not
-have right inertias. Y comes from Pinocchio (``pip install pin``), which is loaded when it is first used.
+have right inertias. Y comes from Pinocchio (``pip install pin``), which is loaded when it is first used. Its
+parameters are few, so that few samples are enough.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.types import FloatArray
+from tel_ros.core.learning.experience import (
+    CHANGED,
+    Calibration,
+    SampleMemory,
+    alternate_slices,
+    arm_has_changed,
+    better_strength,
+    counted,
+    stuck_trust,
+    thinning,
+)
+from tel_ros.core.learning.learner import (
+    LearnerContext,
+    StoredLearner,
+    TrainingMode,
+    TrainingOutcome,
+    outcome,
+    rms,
+    training_pair,
+)
+from tel_ros.core.learning.least_squares import NormalEquations, on_one_thread
+from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.types import BoolArray, FloatArray
 
 COULOMB_SPEED_RAD_S = 0.01
 """Where the smoothed sign function tanh(q̇ / v) of Coulomb friction has 3/4 of its full value. Desired
 velocities have no noise that a steep sign would turn into torque, and a sign that comes late at each reversal
 lets the arm stick there."""
 _PER_LINK = 10
+_FIRST_STRENGTH = 1e-4
 
 
 class RigidBodyRegressor:
@@ -50,8 +75,7 @@ class RigidBodyRegressor:
         missing = [joint for joint in joints if not whole.existJointName(joint)]
         if missing:
             raise ConfigError("name", "rigid_body", f"a URDF with the moving joints {', '.join(missing)}")
-        others = [k for k in range(1, whole.njoints) if whole.names[k] not in joints]
-        model = pinocchio.buildReducedModel(whole, others, pinocchio.neutral(whole)) if others else whole
+        model = _reduced(pinocchio, whole, joints)
         if model.nq != len(joints) or model.nv != len(joints):
             raise ConfigError("name", "rigid_body", "revolute or prismatic joints with one coordinate each")
         self._model, self._data = model, model.createData()
@@ -67,9 +91,8 @@ class RigidBodyRegressor:
         q, v, a = self._coordinates(inputs)
         compute, model, data = self._pin.computeJointTorqueRegressor, self._model, self._data
         for k in range(n):
-            result[k, :, :inertial] = compute(model, data, q[k], v[k], a[k]).reshape(n_joints, -1)[
-                self._order
-            ]
+            rows = compute(model, data, q[k], v[k], a[k]).reshape(n_joints, -1)
+            result[k, :, :inertial] = rows[self._order]
         speed = inputs[:, n_joints : 2 * n_joints]
         joints = np.arange(n_joints)
         result[:, joints, inertial + joints] = speed
@@ -101,12 +124,215 @@ class RigidBodyRegressor:
         return self(pushed) - self(at_rest)
 
     def _coordinates(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        n = self.n_joints
+        """Return q, q̇, q̈ in the order of the model."""
+        q, v, a = np.split(inputs, 3, axis=1)
         if self._in_order:
-            return inputs[:, :n], inputs[:, n : 2 * n], inputs[:, 2 * n :]
-        parts = []
-        for part in np.split(inputs, 3, axis=1):
-            ordered = np.empty_like(part)
-            ordered[:, self._order] = part
-            parts.append(ordered)
-        return parts[0], parts[1], parts[2]
+            return q, v, a
+        back = np.argsort(self._order)
+        return q[:, back], v[:, back], a[:, back]
+
+
+def inertia_matrix(urdf: str, joints: Sequence[str], position_rad: FloatArray) -> FloatArray | None:
+    """Return the inertia matrix that a URDF gives an arm at a posture [kg·m²]. Shape (n_joints, n_joints).
+
+    Other joints than ``joints`` are taken as fixed at zero. None if Pinocchio is not installed, or the matrix
+    is not positive definite (a URDF without masses).
+    """
+    try:
+        import pinocchio
+    except ImportError:
+        return None
+    model = _reduced(pinocchio, pinocchio.buildModelFromXML(urdf), joints)
+    q = pinocchio.neutral(model)
+    of = [model.joints[model.getJointId(name)] for name in joints]
+    for joint, value in zip(of, position_rad, strict=True):
+        # A continuous joint has a cosine and a sine.
+        q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+    upper = np.triu(pinocchio.crba(model, model.createData(), q))
+    order = [joint.idx_v for joint in of]
+    inertia = np.asarray((upper + np.triu(upper, 1).T)[np.ix_(order, order)], dtype=np.float64)
+    return inertia if np.all(np.linalg.eigvalsh(inertia) > 0.0) else None
+
+
+def _reduced(pinocchio: Any, whole: Any, joints: Sequence[str]) -> Any:
+    """Return a model in which all other joints are fixed at zero."""
+    others = [k for k in range(1, whole.njoints) if whole.names[k] not in joints]
+    return pinocchio.buildReducedModel(whole, others, pinocchio.neutral(whole)) if others else whole
+
+
+class RigidBodyLearner:
+    """The arm as rigid links with friction: u - q = K⁻¹ (B q̇ + Y π), linear in its parameters π.
+
+    The normal equations are those of all trials; a ridge in units of each parameter's own effect suppresses
+    combinations that the movements have not shown. Its strength is chosen by predicting each trial before
+    learning from it.
+
+    Raises:
+        ConfigError: Pinocchio is not installed, or cannot use the URDF.
+    """
+
+    def __init__(self, context: LearnerContext) -> None:
+        self.context, self.trials_learned = context, 0
+        self.changed = False
+        """Whether the latest trial could not be explained together with the earlier ones."""
+        self.stuck_trust = np.ones(len(context.joints))
+        """How far samples of the latest trial were believed whose joint may stick. Shape (n_joints,)."""
+        self._regressor = RigidBodyRegressor(context.urdf, context.joints)
+        n = self._regressor.n_parameters
+        self._stiffness = np.array(context.stiffness_nm_per_rad)
+        self._damping = np.array(context.damping_nms_per_rad)
+        self._equations = NormalEquations.empty(n)
+        self._strength = _FIRST_STRENGTH
+        self._parameters = np.zeros(n)
+        self._calibration = Calibration.unknown(len(context.joints))
+
+    @classmethod
+    def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
+        """Return a learner from its description."""
+        learner = cls(context)
+        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._strength = float(stored.header["prior_strength"])
+        if not 0.0 < learner._strength < np.inf:
+            raise ValueError(f"prior_strength is {learner._strength}; expected a finite number above 0")
+        n = learner._regressor.n_parameters
+        shapes = {"gram": (n, n), "moment": (n,), "effect": (n,), "parameters": (n,)}
+        for name, shape in shapes.items():
+            if stored.arrays[name].shape != shape:
+                raise ValueError(f"{name} has shape {stored.arrays[name].shape}; expected {shape}")
+        *equations, learner._parameters = (stored.arrays[name] for name in shapes)
+        learner._equations = NormalEquations(*equations)
+        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        return learner
+
+    def stored(self) -> StoredLearner:
+        """Return everything that predictions and further training depend on."""
+        header = {"trials_learned": self.trials_learned, "prior_strength": self._strength}
+        arrays = vars(self._equations) | {"parameters": self._parameters}
+        return StoredLearner(header, arrays | self._calibration.arrays())
+
+    @property
+    def subtrees(self) -> tuple[int, ...]:
+        """Zero for each joint: there are no trees."""
+        return (0,) * len(self.context.joints)
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
+        if self.trials_learned == 0:
+            return np.zeros((len(inputs), len(self.context.joints)))
+        torque_nm = self._regressor.torque(inputs, self._parameters)
+        torque_nm += self._damping * inputs[:, len(self._damping) : 2 * len(self._damping)]
+        torque_nm /= self._stiffness
+        return torque_nm
+
+    def std(self, inputs: FloatArray) -> FloatArray:
+        """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""
+        return self._calibration.std(self.leverage(inputs))
+
+    @on_one_thread
+    def leverage(self, inputs: FloatArray) -> FloatArray:
+        """Return the variance of the prediction in units of that of a sample. Shape (n, n_joints)."""
+        if self.trials_learned == 0:
+            return np.zeros((len(inputs), len(self.context.joints)))
+        inverse = np.linalg.inv(self._equations.regular(self._strength))
+        rows = self._rows(inputs)
+        result: FloatArray = np.einsum("njp,pq,njq->nj", rows, inverse, rows, optimize=True)
+        return np.maximum(result, 0.0)
+
+    @on_one_thread
+    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
+        """Return a learner that has learned from one trial, and what that did.
+
+        Raises:
+            TrainingError: what was learned is not finite.
+        """
+        learning = self.context.learning
+        new = SampleMemory.of_trial(samples, *training_pair(mode, samples, self.predict), self.trials_learned)
+        learner = copy.copy(self)
+        learner.trials_learned += 1
+        learner.changed = False
+        old = self._equations.scaled(learning.forgetting)
+        sliding = samples.certain[:: thinning(samples)]
+        learner.stuck_trust = self._stuck_trust(old, new, sliding)
+        new = new.trusted(np.where(sliding, 1.0, learner.stuck_trust))
+        added = self._equations_of(new)
+        if learning.detect_change and self.trials_learned:
+            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
+            usual = np.sqrt(self._calibration.residual_rad2)
+            learner.changed = arm_has_changed(error, std, usual, lambda: self._residuals(old, added, new))
+        if learner.changed:
+            old = NormalEquations.empty(len(added.moment))
+            learner._strength = _FIRST_STRENGTH
+        else:
+            learner._strength = self._best_strength(old, new)
+        learner._equations = old + added
+        learner._parameters = learner._equations.solution(learner._strength)
+        if self.trials_learned:
+            error = new.targets_rad - self.predict(new.inputs)
+            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs), new.trust)
+        fitted = new.targets_rad - learner.predict(new.inputs)
+        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs), new.trust)
+        notes = (CHANGED,) if learner.changed else ()
+        return learner, outcome(self, learner, samples, notes)
+
+    def _rows(self, inputs: FloatArray) -> FloatArray:
+        """Return Y in units of the output, rad. Shape (n, n_joints, n_parameters)."""
+        rows: FloatArray = self._regressor(inputs) / self._stiffness[:, None]
+        return rows
+
+    def _wanted(self, data: SampleMemory) -> FloatArray:
+        """Return what Y π ought to be, in units of the output, rad. Shape (n, n_joints)."""
+        n_joints = len(self.context.joints)
+        spring = data.inputs[:, n_joints : 2 * n_joints] * self._damping / self._stiffness
+        return np.asarray(data.targets_rad - spring, dtype=np.float64)
+
+    def _equations_of(self, data: SampleMemory) -> NormalEquations:
+        """Return the normal equations of samples, freed of what noise in the accelerations adds to them."""
+        n = self._regressor.n_parameters
+        root = np.sqrt(data.trust)
+        rows = (self._rows(data.inputs) * root[:, :, None]).reshape(-1, n)
+        gram = rows.T @ rows
+        effect = np.diag(gram).copy()
+        n_joints = len(self.context.joints)
+        for joint in range(n_joints):
+            noise = data.noise[:, 2 * n_joints + joint]
+            if np.any(noise > 0.0):
+                slope = self._regressor.acceleration_slope(data.inputs, joint)
+                slope *= root[:, :, None] * noise[:, None, None] / self._stiffness[:, None]
+                slope = slope.reshape(-1, n)
+                gram -= slope.T @ slope
+        return NormalEquations(gram, rows.T @ (root * self._wanted(data)).ravel(), effect)
+
+    def _stuck_trust(self, old: NormalEquations, new: SampleMemory, sliding: BoolArray) -> FloatArray:
+        """Return how far to believe samples whose joint may stick, judged by a fit that does without them."""
+        certain = old + self._equations_of(new.trusted(sliding.astype(np.float64)))
+        parameters = certain.solution(self._strength)
+        residual = self._wanted(new) - self._rows(new.inputs) @ parameters
+        return stuck_trust(residual, sliding, parameters[-len(self._stiffness) :] / self._stiffness)
+
+    def _residuals(
+        self, old: NormalEquations, added: NormalEquations, new: SampleMemory
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how well the new samples are fitted with the old ones, and alone. Shapes (n_joints,)."""
+        rows, wanted = self._rows(new.inputs), self._wanted(new)
+
+        def residual(equations: NormalEquations) -> FloatArray:
+            error = counted(wanted - rows @ equations.solution(self._strength), new.trust)
+            result: FloatArray = np.sqrt(np.mean(error**2, axis=0))
+            return result
+
+        return residual(old + added), residual(added)
+
+    def _best_strength(self, old: NormalEquations, new: SampleMemory) -> float:
+        if self.trials_learned:
+            equations, held_out = old, new
+        elif len(new) == 1:  # cannot be held out and learned from
+            return self._strength
+        else:
+            learned = alternate_slices(len(new))
+            equations, held_out = self._equations_of(new[learned]), new[~learned]
+        rows, wanted = self._rows(held_out.inputs), self._wanted(held_out)
+
+        def error_with(strength: float) -> float:
+            return rms(counted(wanted - rows @ equations.solution(strength), held_out.trust))
+
+        return better_strength(self._strength, error_with)[0]

@@ -18,12 +18,14 @@ from tel_ros.core.learning.noise import (
     filters,
     low_pass,
     sensor_noise,
+    slides_throughout,
 )
-from tel_ros.core.learning.sliding import slides_throughout
+from tel_ros.core.trial import Phase
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 _SHORTEST_RECORD = 50
-
+_LONGEST_STEP_NS = NS_PER_S
+"""Stamps further apart belong to different courses of time."""
 _MEMORY_PERIODS = 0.5
 """How far on either side the filter spreads what happens at one tick, in periods of its cutoff."""
 _STEP_PERIODS = 1.0
@@ -52,6 +54,47 @@ class TrialSignals:
     saturated: BoolArray
 
 
+def learning_record(
+    *,
+    time_ns: IntArray,
+    phase: IntArray,
+    desired: FloatArray,
+    position_rad: FloatArray,
+    equilibrium_rad: FloatArray,
+    saturated: BoolArray,
+) -> TrialSignals:
+    """Return what the network learns from: the ticks from the start posture on.
+
+    A stop is not RUN, but belongs to the record: one that breaks off in mid-motion would leave the transient
+    of the filter in RUN. So would the step from û to the command of the brake: û stays at its last value, as
+    in HOLD. A stop after a jump of the stamps is left out.
+
+    Args:
+        time_ns: stamps of all ticks of a trial. Shape (n,).
+        phase: numbers of :class:`Phase`. Shape (n,).
+        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
+        position_rad: ŷ as measured. Shape (n, n_joints).
+        equilibrium_rad: what the springs pulled towards. Shape (n, n_joints).
+        saturated: whether the effort was clipped. Shape (n, n_joints).
+    """
+    rows = np.isin(phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
+    equilibrium_rad = equilibrium_rad.copy()
+    if rows.any():
+        last = int(np.flatnonzero(rows)[-1])
+        step_ns = np.diff(time_ns[last:])
+        follows = np.logical_and.accumulate((step_ns > 0) & (step_ns <= _LONGEST_STEP_NS))
+        rows[last + 1 :] = follows & (phase[last + 1 :] == Phase.STOP)
+        equilibrium_rad[last + 1 :] = equilibrium_rad[last]
+    return TrialSignals(
+        time_ns=time_ns[rows],
+        run=phase[rows] == Phase.RUN,
+        desired=desired[rows],
+        position_rad=position_rad[rows],
+        equilibrium_rad=equilibrium_rad[rows],
+        saturated=saturated[rows],
+    )
+
+
 @dataclass(frozen=True)
 class TrainingSamples:
     """Pairs to learn from.
@@ -64,7 +107,7 @@ class TrainingSamples:
             Shape (3 * n_joints,); empty if not known.
         period_s: from sample to sample (where none is left out); 0 if not known.
         bandwidth_hz: what lies above has been filtered away, so that neighbours closer than about
-            1 / (5 * bandwidth_hz) tell nothing new; half of the sampling rate if nothing was filtered, inf if
+            1 / (5 * bandwidth_hz) add nothing new; half of the sampling rate if nothing was filtered, inf if
             not known.
         sliding: whether each joint moves in one direction in all that a sample is made of, so that dry
             friction has one sign there. Shape (n, n_joints); empty if not known.
@@ -97,11 +140,10 @@ def training_samples(
 ) -> TrainingSamples:
     """Filter and differentiate a recorded trial.
 
-    Positions and commands go through the same zero-phase low-pass (Butterworth of order 4, forwards and
-    backwards), so that no lag between them is learned. It runs over the whole record and only then RUN is cut
-    out, so that its beginning and end are not the filter's. Velocities are central differences. The command
-    of tick k acts from tick k to k + 1: it is paired with the position and velocity at k and with the mean
-    acceleration of that interval.
+    Positions and commands go through the same zero-phase low-pass, so that no lag between them is learned.
+    It runs over the whole record and only then RUN is cut out, so that the filter's transients stay outside.
+    The command of tick k acts from tick k to k + 1: it is paired with the position and velocity at k and with
+    the mean acceleration of that interval.
 
     Where the effort of any joint was clipped, the command did not act. Those ticks are left out, and so are
     the neighbours that filter and differences mix with them: half a period of the cutoff on either side, at
@@ -109,10 +151,10 @@ def training_samples(
 
     Args:
         trial: the record.
-        cutoff_hz: -3 dB of one pass; 0 or anything from half of the sampling rate up switches the filter off.
-            None: chosen from the positions of this trial's RUN, see :func:`~.noise.choose_cutoff_hz`.
-        most_hz: limit of a cutoff that is chosen. What a joint does at higher frequencies (sticking and
-            slipping, say) can be far above its noise without telling anything about inertia.
+        cutoff_hz: of :func:`~.noise.low_pass`. None: chosen from the positions of this trial's RUN, see
+            :func:`~.noise.choose_cutoff_hz`.
+        most_hz: limit of a cutoff that is chosen. What a joint does at higher frequencies (stick-slip, say)
+            can be far above its noise and still say nothing about inertia.
 
     Returns:
         One pair for each tick of RUN that is not left out.
@@ -137,7 +179,7 @@ def training_samples(
     # Back from the even grid to the ticks that were recorded in RUN.
     rows = np.clip(np.round(record_s[trial.run] / period_s).astype(np.int64), 0, len(time_s) - 1)
     measured = even(trial.position_rad)
-    # RUN alone tells the noise: at rest an encoder's hides in one step.
+    # The noise is measured in RUN alone: at rest an encoder's hides in one step.
     moving = measured[rows[0] : rows[-1] + 1]
     if cutoff_hz is None:
         cutoff_hz = min(choose_cutoff_hz(moving, period_s), most_hz)
@@ -165,7 +207,7 @@ def training_samples(
 
 
 def _reach(periods: float, cutoff_hz: float, period_s: float) -> int:
-    """Return as ticks so many periods of the cutoff; at least the one that differences mix in."""
+    """Return so many periods of the cutoff as ticks; at least the one that differences mix in."""
     memory_s = periods / cutoff_hz if filters(cutoff_hz, period_s) else 0.0
     return max(1, math.ceil(memory_s / period_s))
 
@@ -191,7 +233,7 @@ def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
 
 
 def _acting_equilibrium(trial: TrialSignals) -> FloatArray:
-    """Return û with what a clipped effort stood for in place of what was sent. Shape (n, n_joints).
+    """Return û, with an estimate of what acted in place of commands that were clipped. Shape (n, n_joints).
 
     The filter would carry the command that did not act far into the ticks on either side. At both ends of a
     clipped stretch the limit just allows û - q, so between them a straight line is near to what acted.

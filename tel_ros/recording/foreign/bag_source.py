@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from tel_ros.core.errors import InputFileError, TelError
-from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tel_ros.core.errors import InputFileError
-from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import FloatArray
 
 TIME = "time_s"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.core.learning.identification.torque_samples import FEWEST_OF_SPLINE, motion
 from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.learning.torque_samples import FEWEST_OF_SPLINE, motion
 from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.sampling import sample
 from tel_ros.core.types import FloatArray

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tel_ros.core.errors import InputFileError
-from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.recording.foreign.bag_source import BAG_FILES, read_bag
 from tel_ros.recording.foreign.csv_source import read_csv_recording
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.calibration import Calibration
+from tel_ros.core.learning.experience import Calibration
 
 RESIDUAL_RAD = np.array([0.02, 0.001])
 SCALE_RAD = np.array([0.3, 0.05])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.held_out import alternate_slices, arm_has_changed, better_strength
+from tel_ros.core.learning.experience import alternate_slices, arm_has_changed, better_strength
 
 
 @pytest.mark.parametrize("n", [10, 100, 1003])

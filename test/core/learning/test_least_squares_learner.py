@@ -12,9 +12,9 @@ from two_link_trials import context, rms, trial
 
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
-from tel_ros.core.learning.learners import LmsTreeKind, RigidBodyAndTreeKind, RigidBodyKind
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
+from tel_ros.core.learning.registry import OURS
 from tel_ros.core.learning.signals import TrainingSamples
 
 NOISE_RAD = 1e-3
@@ -25,7 +25,7 @@ WITHIN_ONE = InputRange(np.full(6, -1.0), np.full(6, 1.0))
 
 def untrained(**options: object) -> LeastSquaresLearner:
     options = {"weights": "least_squares", "gaussians_per_input": 6} | options
-    return LeastSquaresLearner.new(context(**options))
+    return LeastSquaresLearner(context(**options))
 
 
 def noisy(samples: TrainingSamples, seed: int, noise_rad: float = NOISE_RAD) -> TrainingSamples:
@@ -46,7 +46,7 @@ def practised(learner: Learner, noise_rad: float = NOISE_RAD) -> Learner:
 
 def test_the_same_trials_teach_it_far_more_than_sample_by_sample() -> None:
     solved = practised(untrained(gaussians_per_input=10))
-    approached = practised(LmsLearner.new(context()))
+    approached = practised(LmsLearner(context()))
     for duration_s in (11.0, 8.0, 4.5):
         ours, theirs = (held_out_error(one, duration_s=duration_s) for one in (solved, approached))
         assert ours < 0.2 * theirs
@@ -166,20 +166,20 @@ def test_what_is_forgotten_still_counts_while_nothing_changes() -> None:
 
 
 KINDS = {
-    "least_squares": LmsTreeKind,
-    "rigid_body": RigidBodyKind,
-    "rigid_body+lms_tree": RigidBodyAndTreeKind,
+    "least_squares": "lms_tree",
+    "rigid_body": "rigid_body",
+    "rigid_body+lms_tree": "rigid_body+lms_tree",
 }
 
 
 @pytest.fixture(params=list(KINDS.values()), ids=list(KINDS))
 def solved(request: pytest.FixtureRequest) -> Callable[..., Learner]:
     """Return learners whose parameters are solved for: they look for changes of the arm in the same way."""
-    if request.param is not LmsTreeKind:
+    if request.param != "lms_tree":
         pytest.importorskip("pinocchio")
 
     def make(**options: object) -> Learner:
-        return request.param.new(context(weights="least_squares", gaussians_per_input=6, **options))
+        return OURS[request.param].new(context(weights="least_squares", gaussians_per_input=6, **options))
 
     return make
 
@@ -255,7 +255,7 @@ def with_spring(samples: TrainingSamples) -> TrainingSamples:
 
 def test_on_top_of_rigid_links_trees_learn_what_these_leave_over() -> None:
     pytest.importorskip("pinocchio")
-    both, links = (kind.new(context()) for kind in (RigidBodyAndTreeKind, RigidBodyKind))
+    both, links = (OURS[name].new(context()) for name in ("rigid_body+lms_tree", "rigid_body"))
     for seed, duration_s in enumerate(DURATIONS_S):
         samples = noisy(with_spring(trial(duration_s)), seed)
         both, links = (one.trained_on(samples, "actual")[0] for one in (both, links))
@@ -267,8 +267,8 @@ def test_on_top_of_rigid_links_trees_learn_what_these_leave_over() -> None:
 
 def test_on_top_of_rigid_links_that_are_right_trees_keep_silent() -> None:
     pytest.importorskip("pinocchio")
-    both = practised(RigidBodyAndTreeKind.new(context(gaussians_per_input=6)))
-    links = practised(RigidBodyKind.new(context()))
+    both = practised(OURS["rigid_body+lms_tree"].new(context(gaussians_per_input=6)))
+    links = practised(OURS["rigid_body"].new(context()))
     assert both.stored().header["silent"] == [True, True]
     inputs = trial(4.0, step=25).actual
     np.testing.assert_allclose(both.predict(inputs), links.predict(inputs), atol=1e-12)

@@ -18,7 +18,7 @@ MODES: tuple[TrainingMode, ...] = ("actual", "desired")
 
 
 def untrained(seed: int = 1, **learning: object) -> LmsLearner:
-    return LmsLearner.new(context(seed, **learning))
+    return LmsLearner(context(seed, **learning))
 
 
 def test_practising_the_same_movement_again_and_again_goes_on_reducing_the_held_out_error() -> None:
@@ -85,7 +85,7 @@ def test_more_passes_leave_a_smaller_error_on_the_trial() -> None:
 def test_each_mode_trains_where_it_should(mode: TrainingMode) -> None:
     """Narrow Gaussians, and trajectories so far apart that each has its own: it shows which was trained."""
     wide = InputRange(low=np.full(6, -10.0), high=np.full(6, 10.0))
-    learner = LmsLearner.new(context(input_range=wide, max_subtrees=0, gaussian_width=0.3))
+    learner = LmsLearner(context(input_range=wide, max_subtrees=0, gaussian_width=0.3))
     actual, desired = np.full((60, 6), 6.0), np.full((60, 6), -6.0)
     offset = np.tile([0.3, -0.1], (60, 1))
     learner, _ = learner.trained_on(TrainingSamples(actual, desired, offset), mode)

@@ -227,5 +227,5 @@ def test_a_tree_with_subtrees_learns_a_product_that_the_root_alone_cannot() -> N
 
 
 def test_the_parents_as_an_array_are_the_leaves_in_order() -> None:
-    np.testing.assert_array_equal(grown_tree().parents_array, [(0, 1, 2), (1, 0, 3), (0, 2, 0), (2, 1, 4)])
-    assert LmsTree(2, 3, 1.0).parents_array.shape == (0, 3)
+    np.testing.assert_array_equal(grown_tree().parents, [(0, 1, 2), (1, 0, 3), (0, 2, 0), (2, 1, 4)])
+    assert LmsTree(2, 3, 1.0).parents.shape == (0, 3)

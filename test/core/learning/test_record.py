@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.record import learning_record
-from tel_ros.core.learning.signals import TrialSignals, training_samples
+from tel_ros.core.learning.signals import TrialSignals, learning_record, training_samples
 from tel_ros.core.trial import Phase
 from tel_ros.core.types import FloatArray, IntArray
 

@@ -11,8 +11,7 @@ from two_link import TwoLinkArm
 from two_link_trials import JOINTS, context, random_movement, rms, trial, truth_rad, urdf
 
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.learning.rigid_body import COULOMB_SPEED_RAD_S, RigidBodyRegressor
-from tel_ros.core.learning.rigid_body_learner import RigidBodyLearner
+from tel_ros.core.learning.rigid_body import COULOMB_SPEED_RAD_S, RigidBodyLearner, RigidBodyRegressor
 from tel_ros.core.learning.signals import TrainingSamples
 
 pytest.importorskip("pinocchio")
@@ -115,11 +114,11 @@ def test_a_urdf_without_the_joints_is_refused_with_what_was_expected(
 def test_without_pinocchio_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(ConfigError, match=r"name is 'rigid_body'; expected .*pip install pin"):
-        RigidBodyLearner.new(context())
+        RigidBodyLearner(context())
 
 
 def learned(*trials: TrainingSamples) -> RigidBodyLearner:
-    learner = RigidBodyLearner.new(context())
+    learner = RigidBodyLearner(context())
     for samples in trials:
         learner, _ = learner.trained_on(samples, "actual")
     return learner
@@ -144,7 +143,7 @@ def test_springs_and_dampers_of_the_controller_are_known_not_learned() -> None:
     torque = TwoLinkArm().inverse_dynamics(q, v, a)
     offset = (torque + v * [0.0, 2.5]) / [30.0, 5.0]
     samples = dataclasses.replace(trial(5.0), offset_rad=offset)
-    learner, _ = RigidBodyLearner.new(told).trained_on(samples, "actual")
+    learner, _ = RigidBodyLearner(told).trained_on(samples, "actual")
     np.testing.assert_allclose(learner.predict(samples.actual), offset, atol=1e-5)
     parameters = learner.stored().arrays["parameters"]
     np.testing.assert_allclose(parameters[-4:-2], VISCOUS, atol=1e-3)

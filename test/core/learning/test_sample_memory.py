@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.sample_memory import SampleMemory, counted, thinning
+from tel_ros.core.learning.experience import SampleMemory, counted, thinning
 from tel_ros.core.learning.signals import TrainingSamples
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.learning.sliding import SLOWEST_SLIDING_RAD_S, slides_throughout, stuck_trust
+from tel_ros.core.learning.experience import stuck_trust
+from tel_ros.core.learning.noise import SLOWEST_SLIDING_RAD_S, slides_throughout
 
 NO_NOISE = np.zeros(1)
 

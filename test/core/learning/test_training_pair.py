@@ -10,7 +10,7 @@ import pytest
 from two_link_trials import rms, trial
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.training_pair import outcome, training_pair
+from tel_ros.core.learning.learner import outcome, training_pair
 from tel_ros.core.types import FloatArray
 
 TRIAL = trial(step=50, shift_rad=0.2)

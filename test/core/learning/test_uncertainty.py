@@ -15,7 +15,7 @@ N_MOVEMENTS = 60
 @pytest.fixture(scope="module")
 def answers() -> list[tuple[np.ndarray, np.ndarray]]:
     """Errors and predicted standard deviations on each of many new movements, slow ones to very fast ones."""
-    learner = LeastSquaresLearner.new(context(weights="least_squares"))
+    learner = LeastSquaresLearner(context(weights="least_squares"))
     for duration_s in np.linspace(11.5, 4.5, 6):
         learner, _ = learner.trained_on(trial(duration_s), "actual")
     rng = np.random.default_rng(0)

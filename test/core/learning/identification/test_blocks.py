@@ -7,8 +7,8 @@ import pytest
 from made_up_recording import made_up
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.identification.blocks import N_FOLDS, blocks_of, folds, gap_s
-from tel_ros.core.learning.identification.torque_samples import TorqueSamples, torque_samples
+from tel_ros.core.learning.torque_fit import N_FOLDS, blocks_of, folds, gap_s
+from tel_ros.core.learning.torque_samples import TorqueSamples, torque_samples
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_up_recording import JOINTS, made_up
 
-from tel_ros.core.learning.identification.excitation import condition_number, excitation, input_name
-from tel_ros.core.learning.identification.torque_samples import TorqueSamples, torque_samples
+from tel_ros.core.learning.inputs import input_name
+from tel_ros.core.learning.torque_samples import TorqueSamples, condition_number, excitation, torque_samples
 
 
 @pytest.fixture(scope="module")

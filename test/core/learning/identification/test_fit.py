@@ -7,13 +7,18 @@ import pytest
 from made_up_recording import JOINTS, made_up, torque_nm
 
 from tel_ros.core.config import LearningConfig
-from tel_ros.core.learning.identification.blocks import blocks_of
-from tel_ros.core.learning.identification.fit import Fit, fit_torque, held_out_error
-from tel_ros.core.learning.identification.torque_prediction import TorquePrediction, predict_torque
-from tel_ros.core.learning.identification.torque_samples import TorqueSamples, torque_samples
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
+from tel_ros.core.learning.torque_fit import (
+    Fit,
+    TorquePrediction,
+    blocks_of,
+    fit_torque,
+    held_out_error,
+    predict_torque,
+)
+from tel_ros.core.learning.torque_samples import TorqueSamples, torque_samples
 from tel_ros.core.types import FloatArray
 
 LEARNING = LearningConfig(weights="least_squares", max_subtrees=1, detect_change=False)

@@ -9,7 +9,7 @@ import pytest
 from made_up_recording import made_up
 
 from tel_ros.core.errors import InputFileError
-from tel_ros.core.learning.identification.joint_recording import JointRecording
+from tel_ros.core.learning.joint_recording import JointRecording
 
 RECORDING = made_up(2.0, 100.0).recording
 

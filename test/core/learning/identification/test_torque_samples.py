@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from made_up_recording import made_up, torque_nm
 
-from tel_ros.core.learning.identification.torque_samples import (
-    motion,
-    motion_noise,
-    recorded_range,
-    torque_samples,
-)
 from tel_ros.core.learning.noise import low_pass
+from tel_ros.core.learning.torque_samples import motion, motion_noise, recorded_range, torque_samples
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 125.0, 1000.0])

@@ -1,6 +1,6 @@
-"""From an even recording to what a learner of torque is taught.
+"""From a recording to what a learner of torque is taught, and how well the arm was excited in it.
 
-Positions and efforts go through the same zero-phase Butterworth filter (see :mod:`..noise`), so that the
+Positions and efforts go through the same zero-phase Butterworth filter (see :mod:`.noise`), so that the
 torque that is learned belongs to the motion that is left. A Savitzky-Golay filter smooths a position, its
 first and its second derivative differently, and the effort again differently: what M(q) q̈ loses at the upper
 end of the motion, the torque keeps. The filter leaves next to nothing above its cutoff, so the derivatives
@@ -11,31 +11,43 @@ by 0.7 % instead of the 7 % of central differences (docs/imported-bags.md).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tel_ros.core.learning.identification.joint_recording import JointRecording
-from tel_ros.core.learning.identification.resampling import evenly_sampled, median_period_s, unbroken
 from tel_ros.core.learning.inputs import InputRange, stack_inputs
-from tel_ros.core.learning.noise import choose_cutoff_hz, filters, low_pass, sensor_noise
+from tel_ros.core.learning.joint_recording import JointRecording
+from tel_ros.core.learning.noise import (
+    choose_cutoff_hz,
+    filtered_impulse,
+    filters,
+    low_pass,
+    sensor_noise,
+    slides_throughout,
+)
 from tel_ros.core.learning.signals import TrainingSamples
-from tel_ros.core.learning.sliding import slides_throughout
 from tel_ros.core.types import BoolArray, FloatArray
 
 HIGHEST_CUTOFF_HZ = 15.0
-"""To choose: what drives and gears do above that tells nothing about the links."""
+"""To choose: what drives and gears do above that does not depend on the links."""
 _IF_NO_NOISE_SHOWS = 0.25
-"""Of the sampling rate: the cutoff of a slow recording in which motion and noise cannot be told apart."""
+"""Of the sampling rate: the cutoff of a slow recording in which motion and noise cannot be separated."""
 _SHORTEST_PART = 50
 _SPLINE_DEGREE = 5
 FEWEST_OF_SPLINE = _SPLINE_DEGREE + 1
 _SPLINE_EDGE = 6
 """Samples from either end in which the derivatives of the spline are not those of the motion."""
 _NARROWEST = 1e-6
+MOST_CONDITION_OF_JOINT = 10.0
+"""Where two of three standardised signals have a correlation of 0.98: with noise, their parts in a torque
+cannot be separated."""
+MOST_CONDITION_OF_ARM = 100.0
+"""A usual limit for a movement that is to identify an arm (Gautier and Khalil, 1992)."""
+LEAST_RANGE_RAD = 0.1
+LEAST_ACCELERATION_SNR = 3.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +62,7 @@ class TorqueSamples:
         period_s: from sample to sample.
         bandwidth_hz: what lies above has been filtered away.
         input_noise: standard deviation of what is left of the noise in each input. Shape (3 * n_joints,).
-        sliding: see :class:`~..signals.TrainingSamples`. Shape (n, n_joints).
+        sliding: see :class:`~.signals.TrainingSamples`. Shape (n, n_joints).
     """
 
     source: str
@@ -68,13 +80,8 @@ class TorqueSamples:
 
     def __getitem__(self, rows: slice | BoolArray) -> Self:
         """Return some of the samples."""
-        return replace(
-            self,
-            time_s=self.time_s[rows],
-            inputs=self.inputs[rows],
-            torque_nm=self.torque_nm[rows],
-            sliding=self.sliding[rows],
-        )
+        columns = {name: getattr(self, name)[rows] for name in ("time_s", "inputs", "torque_nm", "sliding")}
+        return replace(self, **columns)
 
     def to_learn(self, unit_nm: FloatArray) -> TrainingSamples:
         """Return them for a learner whose outputs are torques in units of ``unit_nm``, shape (n_joints,)."""
@@ -95,21 +102,21 @@ def torque_samples(
     """Resample, filter and differentiate a recording, each unbroken part by itself.
 
     Args:
-        recording: which :meth:`~.joint_recording.JointRecording.require_learnable` has let pass.
+        recording: that has passed :meth:`~.joint_recording.JointRecording.require_learnable`.
         cutoff_hz: -3 dB of one pass of the filter; 0: no filter; None: chosen for each part from its
-            positions, up to 15 Hz (see :func:`~..noise.choose_cutoff_hz`).
+            positions, up to 15 Hz (see :func:`~.noise.choose_cutoff_hz`).
         most_hz: rate of the samples that are returned, at most; it is the recording's divided by a whole
             number.
 
     Returns:
-        One for each part that is long enough; the ends of a part, which are the filter's, are cut off.
+        One for each part that is long enough, without the ends of the part, in which the filter rings.
     """
     found = []
-    for part in unbroken(recording):
-        period_s = median_period_s(part)
+    for part in recording.unbroken():
+        period_s = part.median_period_s
         if period_s == 0.0 or part.duration_s < _SHORTEST_PART * period_s:
             continue
-        time_s, measured, effort_nm = evenly_sampled(part, period_s)
+        time_s, measured, effort_nm = part.evenly_sampled(period_s)
         cutoff = chosen_cutoff_hz(measured, period_s)
         samples = _filtered(
             part.source, time_s, measured, effort_nm, cutoff if cutoff_hz is None else cutoff_hz
@@ -121,9 +128,9 @@ def torque_samples(
 
 
 def chosen_cutoff_hz(position_rad: FloatArray, period_s: float) -> float:
-    """Return the cutoff that suits evenly sampled positions (see :func:`~..noise.choose_cutoff_hz`).
+    """Return the cutoff that suits evenly sampled positions (see :func:`~.noise.choose_cutoff_hz`).
 
-    It is at most 15 Hz, and there always is one: without, a spline makes accelerations of the noise at half
+    It is at most 15 Hz, and never none: without a filter, a spline makes accelerations of the noise at half
     of the sampling rate.
 
     Args:
@@ -150,13 +157,9 @@ def motion(time_s: FloatArray, position_rad: FloatArray) -> FloatArray:
 
 def motion_noise(cutoff_hz: float, period_s: float) -> FloatArray:
     """Return what white noise of unit standard deviation on positions becomes in q, q̇, q̈. Shape (3,)."""
-    # Of the slowest pole of the filter, exp(-2.4 · 5) = 6e-6 is left after 5 / cutoff.
-    memory = math.ceil(5.0 / (cutoff_hz * period_s)) if filters(cutoff_hz, period_s) else 0
-    impulse = np.zeros((2 * memory + 51, 1))
-    impulse[memory + 25] = 1.0
-    time_s: FloatArray = period_s * np.arange(len(impulse), dtype=np.float64)
-    response = motion(time_s, low_pass(impulse, cutoff_hz, period_s))
-    noise: FloatArray = np.sqrt(np.sum(response**2, axis=0))
+    position = filtered_impulse(cutoff_hz, period_s)
+    time_s: FloatArray = period_s * np.arange(len(position), dtype=np.float64)
+    noise: FloatArray = np.sqrt(np.sum(motion(time_s, position) ** 2, axis=0))
     return noise
 
 
@@ -197,3 +200,96 @@ def _filtered(
     )
     edge = max(reach, _SPLINE_EDGE)
     return whole[edge : len(time_s) - edge]
+
+
+@dataclass(frozen=True)
+class JointExcitation:
+    """How a joint moved.
+
+    Args:
+        joint: name.
+        position_rad: lowest and highest.
+        velocity_rad_s: highest absolute value.
+        acceleration_rad_s2: highest absolute value.
+        condition: condition number of the joint's own standardised q, q̇, q̈.
+        acceleration_snr: RMS acceleration over that of its noise.
+    """
+
+    joint: str
+    position_rad: tuple[float, float]
+    velocity_rad_s: float
+    acceleration_rad_s2: float
+    condition: float
+    acceleration_snr: float
+
+    def warnings(self) -> list[str]:
+        """Return what is poor about it, in words, each with what to do."""
+        found, (low, high) = [], self.position_rad
+        if high - low < LEAST_RANGE_RAD:
+            found.append(
+                f"{self.joint} moved within {high - low:.3g} rad only (expected at least "
+                f"{LEAST_RANGE_RAD:g}): what depends on its position is not learned"
+            )
+        if self.condition > MOST_CONDITION_OF_JOINT:
+            found.append(
+                f"position, velocity and acceleration of {self.joint} go together (condition "
+                f"{self.condition:.3g}, expected at most {MOST_CONDITION_OF_JOINT:g}): inertia cannot be "
+                "told from what depends on position. Move it at several frequencies"
+            )
+        if self.acceleration_snr < LEAST_ACCELERATION_SNR:
+            found.append(
+                f"the accelerations of {self.joint} are {self.acceleration_snr:.2g} times their noise "
+                f"(expected at least {LEAST_ACCELERATION_SNR:g}): move faster, or lower --cutoff-hz"
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How an arm moved: joint by joint, and the condition number of q, q̇, q̈ of all joints together."""
+
+    joints: tuple[JointExcitation, ...]
+    condition: float
+
+    def warnings(self) -> list[str]:
+        """Return what is poor about it, in words, each with what to do."""
+        found = [warning for joint in self.joints for warning in joint.warnings()]
+        if self.condition > MOST_CONDITION_OF_ARM:
+            found.append(
+                f"the joints move together (condition {self.condition:.3g}, expected at most "
+                f"{MOST_CONDITION_OF_ARM:g}): whose inertia makes a torque cannot be told. Move them on "
+                "paths that differ"
+            )
+        return found
+
+
+def excitation(joints: Sequence[str], parts: Sequence[TorqueSamples]) -> Excitation:
+    """Return how well the recorded motion excites the dynamics."""
+    inputs = np.vstack([part.inputs for part in parts])
+    noise = np.sqrt(np.average([p.input_noise**2 for p in parts], axis=0, weights=[len(p) for p in parts]))
+    n_joints = len(joints)
+    found = []
+    for j, joint in enumerate(joints):
+        own = inputs[:, j::n_joints]
+        snr = np.sqrt(np.mean(own[:, 2] ** 2)) / max(float(noise[2 * n_joints + j]), 1e-300)
+        found.append(
+            JointExcitation(
+                joint=joint,
+                position_rad=(float(own[:, 0].min()), float(own[:, 0].max())),
+                velocity_rad_s=float(np.abs(own[:, 1]).max()),
+                acceleration_rad_s2=float(np.abs(own[:, 2]).max()),
+                condition=condition_number(own),
+                acceleration_snr=float(snr),
+            )
+        )
+    return Excitation(tuple(found), condition_number(inputs))
+
+
+def condition_number(columns: FloatArray) -> float:
+    """Return the ratio of the largest to the smallest singular value of standardised columns, or inf."""
+    centred = columns - columns.mean(axis=0)
+    spread = centred.std(axis=0)
+    if not np.all(spread > 0.0):
+        return float("inf")
+    values = np.linalg.eigvalsh((centred / spread).T @ (centred / spread))
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0.0 else float("inf")

@@ -1,24 +1,34 @@
-"""The weights of one tree by least squares: linear in them, so they can be solved for instead of approached.
+"""Least squares with a prior, for models that are linear in their parameters: rigid links and trees.
 
-The prior makes it more than a fit. Along each row of Gaussians it punishes the second difference of the
-weights (P-splines: Eilers and Marx, Statistical Science 11, 1996), and, a hundred times weaker, the weights
-themselves. So the tree goes on in a straight line where there are no data: inertial torque is linear in
-acceleration, and a movement that is a little faster than any before is met by what is known from slower ones.
-Gaussians that are punished for their size alone fall back to zero there.
+Linear algebra runs on one thread (:func:`on_one_thread`). The matrices are small enough that a second one
+gains little. It loses much where other processes want the cores: threads of BLAS wait for each other by
+spinning (training of 17 short trials beside two busy processes: 9.4 s, on one thread 0.7 s). And results do
+not depend on the number of cores.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ParamSpec, Self, TypeVar
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cholesky, solve_triangular  # loads its BLAS, before it is looked for
 
 from tel_ros.core.learning.lms_tree import Leaf, LmsTree
 from tel_ros.core.types import FloatArray
 
+try:
+    from threadpoolctl import ThreadpoolController
+except ImportError:  # rosdep has no key for it: without, training is slower on busy machines, and right
+    ThreadpoolController = None
+
+_LEAST_EFFECT = 1e-12
+"""Of a parameter in proportion to that of the strongest one."""
+_RIDGE = 1e-3
+"""Size of the ridge at strength 1, for each parameter, in units of the parameter's own effect."""
 SIZE_TO_SMOOTHNESS = 1e-2
 """Weight of the punishment of size in proportion to that of roughness."""
 _LEAST_NOISE = 1e-3
@@ -27,6 +37,67 @@ _PORTION = 2000
 """Samples whose features are held in memory at a time."""
 _STEP = 1e-2
 """For differences along an input, in parts of its range."""
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_POOLS = ThreadpoolController and ThreadpoolController()
+
+
+def on_one_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that does its linear algebra on one thread, if threadpoolctl is installed."""
+    if _POOLS is None:
+        return function
+
+    @functools.wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _POOLS.limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return wrapped
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over samples with regressors y and targets t, solved with a ridge.
+
+    Args:
+        gram: Σ yyᵀ, freed of what noise in the regressors has added. Shape (n, n).
+        moment: Σ y t. Shape (n,).
+        effect: Σ y² as it is, noise included. Shape (n,).
+    """
+
+    gram: FloatArray
+    moment: FloatArray
+    effect: FloatArray
+
+    @classmethod
+    def empty(cls, n: int) -> Self:
+        """Return those of no samples."""
+        return cls(np.zeros((n, n)), np.zeros(n), np.zeros(n))
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Return those of both sets of samples."""
+        return NormalEquations(self.gram + other.gram, self.moment + other.moment, self.effect + other.effect)
+
+    def scaled(self, factor: float) -> NormalEquations:
+        """Return those of the same samples with other weights."""
+        return NormalEquations(factor * self.gram, factor * self.moment, factor * self.effect)
+
+    def solution(self, strength: float) -> FloatArray:
+        """Return the parameters. Shape (n,)."""
+        return np.asarray(np.linalg.solve(self.regular(strength), self.moment), dtype=np.float64)
+
+    def regular(self, strength: float) -> FloatArray:
+        """Return the gram with a ridge, each parameter in units of its own effect. Shape (n, n)."""
+        scale = np.sqrt(np.maximum(self.effect, max(_LEAST_EFFECT * self.effect.max(), 1e-300)))
+        normal = self.gram / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(0.5 * (normal + normal.T))
+        # Where noise has added more than there was, only noise has shown that direction: it is held at zero
+        # as firmly as a parameter can be.
+        values = np.where(values < -1e-9, 1.0, np.maximum(values, 0.0))
+        regular = (vectors * (values + strength * _RIDGE * len(values))) @ vectors.T
+        result: FloatArray = regular * np.outer(scale, scale)
+        return result
 
 
 @dataclass(frozen=True)
@@ -43,13 +114,22 @@ class TreeData:
     noise: FloatArray
     weight: FloatArray
 
-    def __getitem__(self, rows: slice) -> TreeData:
-        """Return some of the samples."""
-        return TreeData(self.inputs[rows], self.noise[rows], self.weight[rows])
+    def portions(self) -> Iterator[tuple[slice, TreeData]]:
+        """Yield the samples a few at a time, with their rows."""
+        for start in range(0, len(self.weight), _PORTION):
+            rows = slice(start, start + _PORTION)
+            yield rows, TreeData(self.inputs[rows], self.noise[rows], self.weight[rows])
 
 
 def second_difference_prior(n_gaussians: int) -> FloatArray:
-    """Return the prior precision of the weights of one row of Gaussians. Shape (G, G)."""
+    """Return the prior precision of the weights of one row of Gaussians. Shape (G, G).
+
+    It punishes the second difference of the weights (P-splines: Eilers and Marx, Statistical Science 11,
+    1996), and, a hundred times weaker, the weights themselves. So a tree goes on in a straight line where
+    there are no data: inertial torque is linear in acceleration, and a movement that is a little faster than
+    any before is predicted from slower ones. Gaussians that are punished for their size alone fall back to
+    zero there.
+    """
     if n_gaussians < 3:
         return np.eye(n_gaussians)
     difference = np.diff(np.eye(n_gaussians), 2, axis=0)
@@ -58,7 +138,7 @@ def second_difference_prior(n_gaussians: int) -> FloatArray:
 
 
 class TreeRegression:
-    """A tree and the normal equations of its weights.
+    """A tree whose weights are solved for, and their normal equations.
 
     Args:
         tree: whose weights to solve for; it is changed in place.
@@ -68,7 +148,7 @@ class TreeRegression:
     def __init__(self, tree: LmsTree, strength: float) -> None:
         self.tree, self.strength = tree, strength
         self.silent = False
-        """Whether to say nothing, because what others say is better alone."""
+        """Whether the weights stay 0, because the base predicts better alone."""
         self.gram: FloatArray = np.zeros((tree.weights.size, tree.weights.size))
         """Σ w ψψᵀ, freed of what noise in the inputs adds. Shape (n_weights, n_weights)."""
         self._factor: FloatArray | None = None
@@ -83,15 +163,15 @@ class TreeRegression:
         """Return the columns from ``first`` on of Σ w ψψᵀ, freed of what noise in the inputs has added.
 
         Noise n in the regressors makes E[ψ(x + n) ψ(x + n)ᵀ] too large by (∂ψ/∂x) σ² (∂ψ/∂x)ᵀ, which pulls
-        all weights towards zero (errors in variables). Its size is known from the filter, so it is taken
-        away. Only accelerations have noise worth it.
+        all weights towards zero (errors in variables). Its size is known from the filter, so it is
+        subtracted. Only accelerations are noisy enough.
 
         Returns:
             Shape (n_weights, n_weights - first).
         """
         size, n_joints = self.tree.weights.size, self.tree.n_inputs // 3
         gram = np.zeros((size, size - first))
-        for part in _portions(data):
+        for _, part in data.portions():
             root = np.sqrt(part.weight)[:, None]
             psi = self.tree.features(part.inputs) * root
             gram += psi.T @ psi[:, first:]
@@ -108,12 +188,12 @@ class TreeRegression:
     def moment_of(self, data: TreeData, y: FloatArray) -> FloatArray:
         """Return Σ w ψ y for targets y of shape (n,). Shape (n_weights,)."""
         moment = np.zeros(self.tree.weights.size)
-        for part, wanted in zip(_portions(data), _portions_of(y), strict=True):
-            moment += (part.weight * wanted) @ self.tree.features(part.inputs)
+        for rows, part in data.portions():
+            moment += (part.weight * y[rows]) @ self.tree.features(part.inputs)
         return moment
 
     def grow(self, leaf: Leaf, data: TreeData) -> None:
-        """Hang a subtree under a leaf, and add what the samples so far say about its weights."""
+        """Hang a subtree under a leaf, and add the samples' normal equations of its weights."""
         before = self.tree.weights.size
         self.tree.grow(leaf)
         columns = self.gram_of(data, before)
@@ -121,7 +201,7 @@ class TreeRegression:
         gram[:before, :before] = self.gram
         gram[:, before:] = columns
         gram[before:, :before] = columns[:before].T
-        self.gram, self._factor = gram, None
+        self.set_gram(gram)
 
     def solve(self, moment: FloatArray) -> None:
         """Set the weights to the solution of (gram + prior) w = moment; to 0 if silent.
@@ -156,8 +236,8 @@ class TreeRegression:
         try:
             return self._factor_of(self.gram)
         except LinAlgError:
-            # What was taken away for noise was more than what was there, in some directions. Their sign is
-            # noise as well, their size is not.
+            # In some directions more was subtracted for noise than there was. Their sign is noise, too; their
+            # size is not.
             values, vectors = np.linalg.eigh(self.gram)
             return self._factor_of((vectors * np.abs(values)) @ vectors.T)
 
@@ -169,13 +249,3 @@ class TreeRegression:
             regular[start : start + n, start : start + n] += self.strength * block
         factor: FloatArray = cholesky(regular, lower=True, overwrite_a=True, check_finite=False)
         return factor
-
-
-def _portions(data: TreeData) -> Iterator[TreeData]:
-    for start in range(0, len(data.weight), _PORTION):
-        yield data[start : start + _PORTION]
-
-
-def _portions_of(values: FloatArray) -> Iterator[FloatArray]:
-    for start in range(0, len(values), _PORTION):
-        yield values[start : start + _PORTION]

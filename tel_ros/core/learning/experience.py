@@ -1,0 +1,299 @@
+"""What learners keep of earlier trials, and what each new trial decides before it is learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+
+from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.types import BoolArray, FloatArray, IntArray
+
+CLEARLY = 0.98
+"""A held-out error has to fall below this part of what it was before anything is changed for it."""
+_FACTOR = 10.0
+_RANGE = (1e-7, 1e4)
+_SLICES = 10
+_SURPRISING = 1.5
+"""RMS error in units of the expected one from which on a change of the arm is looked for."""
+_CONTRADICTION = 2.4
+"""How many times worse than it ought to be a fit to all trials has to be. On the default arm a payload of
+0.5 kg makes 2.9 with much unmodelled friction and 26 without; new kinds of movements stay below 2.0."""
+CHANGED = "the arm has changed: earlier trials are forgotten"
+_MEMORY = 0.5
+"""Weight of a test relative to the next one."""
+_LEAST_LEVERAGE = 1e-12
+_LEAST_TRUST = 1e-12
+"""Above zero, so that the weighted mean of samples none of which slides is one."""
+_SAMPLES_PER_PERIOD = 5.0
+"""Samples kept for each period of the highest frequency that the filter has left: neighbours that lie
+closer repeat each other."""
+
+
+@dataclass(frozen=True)
+class SampleMemory:
+    """Weighted samples of all trials, oldest first.
+
+    Args:
+        inputs: SI units. Shape (n, 3 * n_joints).
+        targets_rad: shape (n, n_joints).
+        noise: standard deviation of the noise in each input. Shape (n, 3 * n_joints).
+        weight: shape (n,).
+        trial: number of the trial that each sample is from. Shape (n,).
+        trust: how far each target can be believed, 0 to 1: less where the joint may have stuck (see
+            :func:`~.noise.slides_throughout`). Shape (n, n_joints).
+    """
+
+    inputs: FloatArray
+    targets_rad: FloatArray
+    noise: FloatArray
+    weight: FloatArray
+    trial: IntArray
+    trust: FloatArray
+
+    @classmethod
+    def empty(cls, n_joints: int) -> Self:
+        """Return a memory without samples."""
+        none = np.empty((0, 3 * n_joints))
+        no_target = np.empty((0, n_joints))
+        return cls(none, no_target, none, np.empty(0), np.empty(0, dtype=np.int64), no_target)
+
+    @classmethod
+    def of_trial(
+        cls, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray, trial: int
+    ) -> Self:
+        """Return the samples of one trial, thinned out to those that add something new."""
+        step = thinning(samples)
+        inputs, targets_rad = inputs[::step], targets_rad[::step]
+        noise = samples.input_noise if len(samples.input_noise) else np.zeros(inputs.shape[1])
+        n = len(inputs)
+        trust = np.ones(targets_rad.shape)
+        return cls(inputs, targets_rad, np.tile(noise, (n, 1)), np.ones(n), np.full(n, trial), trust)
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
+        """Return a memory from its arrays.
+
+        Raises:
+            ValueError: their shapes do not fit together, or they hold numbers that are not finite.
+        """
+        n = len(arrays["memory_weight"])
+        # Older files have no trust: everything was believed.
+        known = {"memory_trust": np.ones((n, n_joints))} | dict(arrays)
+        shapes = [(n, 3 * n_joints), (n, n_joints), (n, 3 * n_joints), (n,), (n,), (n, n_joints)]
+        values = {field.name: known[f"memory_{field.name}"] for field in fields(cls)}
+        for (name, array), shape in zip(values.items(), shapes, strict=True):
+            if array.shape != shape or not np.all(np.isfinite(array)):
+                raise ValueError(f"memory_{name} has shape {array.shape}; expected finite numbers of {shape}")
+        return cls(**values)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return it as arrays."""
+        return {f"memory_{field.name}": getattr(self, field.name) for field in fields(self)}
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.weight)
+
+    def __getitem__(self, rows: slice | BoolArray) -> Self:
+        """Return some of the samples."""
+        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def joined(self, newer: Self) -> Self:
+        """Return this memory followed by another."""
+        both = ((getattr(self, field.name), getattr(newer, field.name)) for field in fields(self))
+        return type(self)(*(np.concatenate(pair) for pair in both))
+
+    def trusted(self, trust: FloatArray) -> Self:
+        """Return the same samples, believed this far. ``trust`` has shape (n, n_joints)."""
+        return replace(self, trust=trust)
+
+    def discounted(self, factor: float) -> Self:
+        """Return the same samples with other weights."""
+        return replace(self, weight=factor * self.weight)
+
+    def bounded(self, most: int) -> Self:
+        """Return at most so many samples: of the oldest trials every second one goes, for double weight."""
+        memory = self
+        while len(memory) > most:
+            old = np.flatnonzero(memory.trial <= np.quantile(memory.trial, 0.5, method="lower"))
+            weight = memory.weight.copy()
+            weight[old] *= 2.0
+            keep = np.ones(len(memory), dtype=bool)
+            keep[old[1::2]] = False
+            memory = replace(memory, weight=weight)[keep]
+        return memory
+
+
+def thinning(samples: TrainingSamples) -> int:
+    """Return n, where every n-th sample of a trial is enough to keep."""
+    if not (samples.period_s > 0.0 and np.isfinite(samples.bandwidth_hz)):
+        return 1
+    return max(1, int(1.0 / (_SAMPLES_PER_PERIOD * samples.bandwidth_hz * samples.period_s)))
+
+
+def counted(error_rad: FloatArray, trust: FloatArray) -> FloatArray:
+    """Return errors scaled so that their mean squares are those of the given ones, weighted with trust.
+
+    All of shape (n, n_joints); trust is above 0.
+    """
+    result: FloatArray = error_rad * np.sqrt(trust / np.mean(trust, axis=0))
+    return result
+
+
+def stuck_trust(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: FloatArray) -> FloatArray:
+    """Return the weight in a fit of a sample whose joint may stick, relative to one whose joint slides.
+
+    That is the ratio of their variances: to the residual of the sliding ones, sticking adds a torque that may
+    be anything within ±c, with variance c² / 3. Without dry friction all samples count the same. So they do
+    for a joint that never slides: the torque that holds it still is all that can be learned.
+
+    Args:
+        residual_rad: of a fit to the sliding samples. Shape (n, n_joints).
+        sliding: see :func:`~.noise.slides_throughout`. Shape (n, n_joints).
+        coulomb_rad: c / K that the fit has found. Shape (n_joints,).
+
+    Returns:
+        Above 0, up to 1. Shape (n_joints,).
+    """
+    n_sliding = np.count_nonzero(sliding, axis=0)
+    squares = np.sum(np.where(sliding, residual_rad, 0.0) ** 2, axis=0)
+    # Above zero, so that with neither friction nor residual there is no 0 / 0.
+    variance = np.maximum(squares / np.maximum(n_sliding, 1), np.finfo(float).tiny)
+    result: FloatArray = np.where(n_sliding > 0, variance / (variance + coulomb_rad**2 / 3.0), 1.0)
+    return np.maximum(result, _LEAST_TRUST)
+
+
+def alternate_slices(n: int) -> BoolArray:
+    """Return which of n samples in a row to learn from when the others are held out: every second slice.
+
+    Slices, because a sample between two others that have been learned from is no test.
+    """
+    slices: BoolArray = (np.arange(n) * min(_SLICES, n) // max(n, 1)) % 2 == 0
+    return slices
+
+
+def better_strength(now: float, error_with: Callable[[float], float]) -> tuple[float, float]:
+    """Return the strength of a prior to go on with (the same, ten times more or less) and its held-out error.
+
+    Args:
+        now: strength at present.
+        error_with: held-out error as a function of the strength.
+    """
+    best, least = now, error_with(now)
+    for factor in (_FACTOR, 1.0 / _FACTOR):
+        strength = now * factor
+        if _RANGE[0] <= strength <= _RANGE[1]:
+            error = error_with(strength)
+            if error < CLEARLY * least:
+                best, least = strength, error
+    return best, least
+
+
+def arm_has_changed(
+    error_rad: FloatArray,
+    std_rad: FloatArray,
+    usual_rad: FloatArray,
+    residuals: Callable[[], tuple[FloatArray, FloatArray]],
+) -> bool:
+    """Return whether a trial shows another arm than the earlier ones.
+
+    A bad prediction alone does not: the movement may be of a kind not seen before. But then model and trials
+    fit together once the trial has been learned from. A change shows in a fit to all trials that is much
+    worse for the new one than a fit to it alone, and much worse than such fits have been, averaged over
+    joints.
+
+    Args:
+        error_rad: of the prediction of the trial. Shape (n, n_joints).
+        std_rad: what was expected of it. Shape (n, n_joints).
+        usual_rad: RMS residual of the trial before, after it had been learned. Shape (n_joints,).
+        residuals: RMS residual of the new trial in a fit to all, and in a fit to it alone, each of shape
+            (n_joints,); called only if the trial is a surprise.
+    """
+    if np.sqrt(np.mean((error_rad / std_rad) ** 2)) < _SURPRISING:
+        return False
+    together_rad, alone_rad = residuals()
+    least = np.finfo(float).tiny
+    contradiction = together_rad / np.maximum(np.maximum(alone_rad, usual_rad), least)
+    return bool(np.exp(np.mean(np.log(np.maximum(contradiction, least)))) > _CONTRADICTION)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Standard deviation of predictions from their leverage: std² = σ² + s² h(x), per joint.
+
+    The leverage h = ψᵀ A⁻¹ ψ shows where data are missing, but not how wrong the form of the model is. So s²
+    is measured: each new trial is predicted before it is learned from, and s² is the ratio of its squared
+    errors to its leverage. σ² is what remains after fitting.
+
+    Args:
+        residual_rad2: σ². Shape (n_joints,).
+        scale_rad2: s². Shape (n_joints,).
+    """
+
+    residual_rad2: FloatArray
+    scale_rad2: FloatArray
+
+    @classmethod
+    def unknown(cls, n_joints: int) -> Self:
+        """Return that of an untrained learner: its errors may be of any size."""
+        return cls(np.full(n_joints, np.inf), np.full(n_joints, np.inf))
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
+        """Return a calibration from its arrays.
+
+        Raises:
+            ValueError: they have the wrong shape or hold NaN or numbers below 0.
+        """
+        residual, scale = arrays["calibration_residual"], arrays["calibration_scale"]
+        if residual.size == scale.size == 0:
+            return cls.unknown(n_joints)
+        for values in (residual, scale):
+            if values.shape != (n_joints,) or not np.all(values >= 0.0):
+                raise ValueError(f"a calibration is {values}; expected {n_joints} numbers of at least 0")
+        return cls(residual, scale)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return it as arrays of finite numbers, empty if it is not known."""
+        if not self.is_known:
+            return {"calibration_residual": np.empty(0), "calibration_scale": np.empty(0)}
+        return {"calibration_residual": self.residual_rad2, "calibration_scale": self.scale_rad2}
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there was a trial to measure it."""
+        return bool(np.all(np.isfinite(self.residual_rad2)))
+
+    def std(self, leverage: FloatArray) -> FloatArray:
+        """Return standard deviations [rad] for leverages of shape (n, n_joints)."""
+        if not self.is_known:
+            return np.full(leverage.shape, np.inf)
+        result: FloatArray = np.sqrt(self.residual_rad2 + self.scale_rad2 * leverage)
+        return result
+
+    def tested(self, error_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
+        """Return it after a test: errors at samples that had not been learned from.
+
+        All of shape (n, n_joints). ``trust`` says how far each sample is believed; None: all the same.
+        """
+        noise = np.where(np.isfinite(self.residual_rad2), self.residual_rad2, 0.0)
+        excess = np.maximum(_mean(error_rad**2, trust) - noise, 0.0)
+        found = excess / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
+        before = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, found)
+        return replace(self, scale_rad2=_MEMORY * before + (1.0 - _MEMORY) * found)
+
+    def fitted(self, residual_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
+        """Return it after training: errors that remain at the samples that were learned from."""
+        residual = _mean(residual_rad**2, trust)
+        # Before the first test the scale is guessed from the residual.
+        guess = residual / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
+        scale = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, guess)
+        return replace(self, residual_rad2=residual, scale_rad2=scale)
+
+
+def _mean(values: FloatArray, trust: FloatArray | None) -> FloatArray:
+    """Return the weighted mean of each column. Shape (n_joints,)."""
+    return np.asarray(np.average(values, axis=0, weights=trust), dtype=np.float64)

@@ -1,0 +1,117 @@
+"""Learners by name: ours, and those that other packages offer.
+
+A learner of ours is a class with ``restored`` beside what :class:`~.learner.Learner` asks for, and one entry
+in :data:`OURS`; one of another package is an entry point of the group :data:`GROUP`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import entry_points
+
+import numpy as np
+
+from tel_ros.core.errors import ConfigError
+from tel_ros.core.learning.learner import Learner, LearnerContext, LearnerKind, StoredLearner
+from tel_ros.core.learning.least_squares_learner import BASE, LeastSquaresLearner
+from tel_ros.core.learning.lms_learner import LmsLearner
+from tel_ros.core.learning.rigid_body import RigidBodyLearner
+
+GROUP = "tel_ros.learners"
+
+
+@dataclass(frozen=True)
+class OurKind:
+    """A :class:`~.learner.LearnerKind` of ours.
+
+    Args:
+        new: to an untrained learner.
+        restore: to a stored one; what it raises and which arrays are finite is looked after here.
+    """
+
+    new: Callable[[LearnerContext], Learner]
+    restore: Callable[[LearnerContext, StoredLearner], Learner]
+
+    def restored(self, context: LearnerContext, stored: StoredLearner) -> Learner:
+        """Return a learner from its description.
+
+        Raises:
+            ValueError: the description does not fit together, or holds numbers that are not finite.
+        """
+        for name, array in stored.arrays.items():
+            if not np.all(np.isfinite(array)):
+                raise ValueError(f"{name} holds numbers that are not finite")
+        if not int(stored.header.get("trials_learned", -1)) >= 0:
+            raise ValueError(f"trials_learned is {stored.header.get('trials_learned')}; expected at least 0")
+        try:
+            return self.restore(context, stored)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"the description of the learner does not fit together ({error!r})") from error
+
+
+def _trees(context: LearnerContext) -> type[LmsLearner] | type[LeastSquaresLearner]:
+    return LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner
+
+
+def _solved(context: LearnerContext) -> LearnerContext:
+    """Return the context for trees whose weights are solved for: sample by sample is too slow for a rest."""
+    return replace(context, learning=replace(context.learning, weights="least_squares"))
+
+
+def _new_rigid_body_and_tree(context: LearnerContext) -> Learner:
+    return LeastSquaresLearner(_solved(context), RigidBodyLearner(_solved(context)))
+
+
+def _restored_rigid_body_and_tree(context: LearnerContext, stored: StoredLearner) -> Learner:
+    of_base = {k.removeprefix(BASE): array for k, array in stored.arrays.items() if k.startswith(BASE)}
+    base = RigidBodyLearner.restored(_solved(context), StoredLearner(stored.header["base"], of_base))
+    return LeastSquaresLearner.restored(_solved(context), stored, base)
+
+
+OURS: dict[str, LearnerKind] = {
+    # Trees alone. ``learning.weights`` says how they learn.
+    "lms_tree": OurKind(
+        lambda context: _trees(context)(context),
+        lambda context, stored: _trees(context).restored(context, stored),
+    ),
+    # The parameters of rigid links with friction; kinematics from the URDF.
+    "rigid_body": OurKind(RigidBodyLearner, RigidBodyLearner.restored),
+    # Trees, solved by least squares, learn what rigid links leave over.
+    "rigid_body+lms_tree": OurKind(_new_rigid_body_and_tree, _restored_rigid_body_and_tree),
+}
+
+
+@cache
+def learner_kind(name: str) -> LearnerKind:
+    """Return the kind of learner with a name.
+
+    Args:
+        name: one of ours, or that of an entry point of the group ``tel_ros.learners`` in any installed
+            package.
+
+    Raises:
+        ConfigError: the name is not known, or what an entry point names cannot be loaded.
+    """
+    if name in OURS:
+        return OURS[name]
+    offered = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in offered:
+        known = ", ".join(sorted({*OURS, *offered}))
+        raise ConfigError(
+            "learning.name", name, f"one of {known}, or an installed entry point of the group {GROUP}"
+        )
+    point = offered[name]
+    try:
+        named = point.load()
+        kind: LearnerKind = named() if isinstance(named, type) else named
+    except Exception as error:  # whatever a foreign package raises
+        found = f"an entry point that loads ({point.value}: {' '.join(str(error).split())})"
+        raise ConfigError("learning.name", name, found) from error
+    missing = [method for method in ("new", "restored") if not callable(getattr(kind, method, None))]
+    if missing:
+        raise ConfigError(
+            "learning.name", name, f"an entry point with new and restored; {point.value} lacks {missing}"
+        )
+    return kind
