@@ -16,7 +16,7 @@ import numpy as np
 
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.trajectories.paths import Derivatives, Path, waypoint_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
 
 ROOT = FilePath(__file__).parents[1]

@@ -12,7 +12,7 @@ from tel_lab.offline import OfflineArm, OfflineTrial, PractisedTrial
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, TrialGoal, TrialReport
 
 _SLOWEST_S = 60.0

@@ -32,13 +32,13 @@ from random_practice_page import write_figure, write_page
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflinePractice
 from tel_lab.random_arm import random_sim
+from tel_lab.random_path import random_smooth_path
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.trajectories.paths import Path as JointPath
-from tel_ros.core.trajectories.random_path import random_smooth_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import learner_context
 

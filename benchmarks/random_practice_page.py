@@ -144,7 +144,7 @@ nothing but the time at rest (below) was chosen by looking at them.
 - Arms (`tel_lab/random_arm.py`, `FAR`): all masses and inertias × 0.5 to 2, 0 to 0.5 kg in the hand,
   viscous friction × 0.25 to 4, dry friction 0 to 0.3 N·m a joint, 0 to 0.3 mrad of white noise on the
   encoder.
-- Paths (`tel_ros/core/trajectories/random_path.py`): sums of harmonics anywhere in the joints' range, open
+- Paths (`tel_lab/random_path.py`): sums of harmonics anywhere in the joints' range, open
   or closed.
 - The goal duration is such that the exact model needs a random 40 to 90 % of the effort limit; practice
   begins at 2.5 times that duration, and is over when the RMS error at the goal is below

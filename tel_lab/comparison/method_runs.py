@@ -16,14 +16,13 @@ from tel_lab.comparison.feedforward import Feedforward
 from tel_lab.comparison.method import Method
 from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
 from tel_lab.comparison.results import MethodRun, TrialResult
+from tel_lab.random_path import random_smooth_path
 from tel_lab.workers import Failure, Workforce
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import ConfigError, TelError, TrainingError
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import Path as JointPath
-from tel_ros.core.trajectories.random_path import random_smooth_path
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config

@@ -15,8 +15,7 @@ from tel_lab.comparison.method import Method
 from tel_lab.comparison.virtual_trajectory import VirtualTrajectoryLearning
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

@@ -14,7 +14,7 @@ from tel_ros.core.errors import TelError
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path

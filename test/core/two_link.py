@@ -12,7 +12,7 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path, waypoint_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 

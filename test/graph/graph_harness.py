@@ -28,8 +28,7 @@ from tel_interfaces.msg import ControlState, TrialGoal
 
 from tel_ros.app.bring_up import NodeProcesses
 from tel_ros.core.config import Config
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_goal_message
 from tel_ros.recording import topics

@@ -8,7 +8,7 @@ import pytest
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.nodes.conversions import to_goal, to_goal_message
 
 JOINTS = ("shoulder", "elbow")

@@ -6,8 +6,7 @@ import numpy as np
 
 from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 RATE_HZ = 200.0

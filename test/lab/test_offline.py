@@ -18,8 +18,7 @@ from tel_ros.core.errors import ConfigError, TrainingError, TrajectoryError
 from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import waypoint_path
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.trial import Outcome, Phase, TrialGoal
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics

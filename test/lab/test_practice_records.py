@@ -17,7 +17,7 @@ from practice_records import duration_at_effort_share, effort_share, excursion_r
 from tel_lab.exact_model import ExactInverseDynamics  # noqa: E402
 from tel_lab.offline import OfflineArm, OfflineTrial  # noqa: E402
 from tel_ros.core.trajectories.paths import NAMED_PATHS  # noqa: E402
-from tel_ros.core.trajectories.sampling import sample  # noqa: E402
+from tel_ros.core.trajectories.trajectory import sample  # noqa: E402
 from tel_ros.core.trial import Outcome, Phase, TrialGoal  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 

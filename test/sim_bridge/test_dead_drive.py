@@ -13,7 +13,7 @@ from sim_bridge.arm import SimulatedArm
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.waypoint_file import load_path

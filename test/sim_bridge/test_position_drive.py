@@ -11,7 +11,7 @@ import pytest
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.drive import PositionDrive
 from tel_lab.offline import OfflineArm, OfflinePractice, PractisedTrial
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, TrialGoal
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config

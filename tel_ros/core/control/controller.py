@@ -20,7 +20,7 @@ from tel_ros.core.safety.layer import Permitted, SafetyLayer
 from tel_ros.core.safety.limits import Limits
 from tel_ros.core.safety.state_age import StateAge
 from tel_ros.core.springs import Springs
-from tel_ros.core.trajectories.time_scaling import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
+from tel_ros.core.trajectories.trajectory import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 

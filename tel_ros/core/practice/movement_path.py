@@ -8,10 +8,8 @@ from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.decisions import Movement
 from tel_ros.core.springs import Springs
-from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.sampling import sample
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.trajectories.variants import blended, part, scaled
+from tel_ros.core.trajectories.paths import Path, blended, part, scaled
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.types import FloatArray
 
 

@@ -1,4 +1,4 @@
-"""Paths: the shape of a movement in joint space, without any timing."""
+"""Paths: the shape of a movement in joint space, without any timing; whole, scaled, blended or in part."""
 
 from __future__ import annotations
 
@@ -138,3 +138,36 @@ def waypoint_path(name: str, waypoints_rad: FloatArray) -> Path:
         return spline(s), spline(s, 1), spline(s, 2)
 
     return Path(name, waypoints_rad.shape[1], evaluate)
+
+
+def scaled(path: Path, amplitude: float) -> Path:
+    """Return a path that is drawn together towards its first posture."""
+
+    def evaluate(s: FloatArray) -> Derivatives:
+        q, dq, ddq = path.evaluate(s)
+        first = path.evaluate(s[:1] * 0.0)[0]
+        return first + amplitude * (q - first), amplitude * dq, amplitude * ddq
+
+    return Path(path.name, path.n_joints, evaluate)
+
+
+def blended(known: Path, path: Path, share: float) -> Path:
+    """Return a path between a known one (share 0) and another (share 1)."""
+
+    def evaluate(s: FloatArray) -> Derivatives:
+        a, b = known.evaluate(s), path.evaluate(s)
+        q, dq, ddq = ((1.0 - share) * x + share * y for x, y in zip(a, b, strict=True))
+        return q, dq, ddq
+
+    return Path(path.name, path.n_joints, evaluate)
+
+
+def part(path: Path, start: float, end: float) -> Path:
+    """Return the part of a path from s = ``start`` to s = ``end``, 0 <= start < end <= 1."""
+    length = end - start
+
+    def evaluate(s: FloatArray) -> Derivatives:
+        q, dq, ddq = path.evaluate(start + length * s)
+        return q, length * dq, length**2 * ddq
+
+    return Path(path.name, path.n_joints, evaluate)

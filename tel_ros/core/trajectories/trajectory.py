@@ -1,13 +1,18 @@
-"""The desired trajectory y: where the joints should be, how fast, and with which acceleration."""
+"""The desired trajectory y, and the way from a path to it: positions, velocities and accelerations over time."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+
+MINIMUM_JERK_PEAK_SPEED = 1.875
+"""Peak of ds/dp of the minimum-jerk time scaling, at p = 1/2."""
 
 
 @dataclass(frozen=True)
@@ -74,3 +79,47 @@ def check_points(name: str, values: FloatArray, shape: tuple[int, int]) -> None:
         raise TrajectoryError(
             f"{name} is {values[k, joint]} for joint {joint + 1} at point {k}; expected finite numbers"
         )
+
+
+def minimum_jerk(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the minimum-jerk time scaling s and its first two derivatives.
+
+    s = 10 p³ - 15 p⁴ + 6 p⁵ goes from rest at 0 to rest at 1 (Flash and Hogan 1985; the paper does not
+    say which scaling it used, this one is our choice).
+
+    Args:
+        phase: elapsed share p of the duration; values outside 0 … 1 are held at the ends. Shape (n,).
+
+    Returns:
+        s, ds/dp and d²s/dp², each of shape (n,).
+    """
+    p = np.clip(phase, 0.0, 1.0)
+    # Products, since NumPy's powers differ in the last bit from one processor to another.
+    s = p * p * p * (10.0 + p * (-15.0 + 6.0 * p))
+    ds = 30.0 * p**2 * (1.0 - p) ** 2
+    dds = 60.0 * p * (1.0 - p) * (1.0 - 2.0 * p)
+    return s, ds, dds
+
+
+def sample(path: Path, duration_s: float, rate_hz: float) -> DesiredTrajectory:
+    """Run along a path from rest to rest in the given time.
+
+    Args:
+        path: shape of the movement.
+        duration_s: how long it takes; the last point is at the first tick that is not earlier.
+        rate_hz: points a second.
+
+    Returns:
+        The desired trajectory, with exact derivatives.
+    """
+    n_steps = max(1, math.ceil(duration_s * rate_hz - 1e-9))
+    time_ns = np.round(np.arange(n_steps + 1) * (NS_PER_S / rate_hz)).astype(np.int64)
+    s, ds, dds = minimum_jerk(time_ns / (NS_PER_S * duration_s))
+    q, dq, ddq = path.evaluate(s)
+    rate, rate_of_rate = (ds / duration_s)[:, None], (dds / duration_s**2)[:, None]
+    return DesiredTrajectory(
+        time_ns=time_ns,
+        position_rad=q,
+        velocity_rad_s=dq * rate,
+        acceleration_rad_s2=ddq * rate**2 + dq * rate_of_rate,
+    )

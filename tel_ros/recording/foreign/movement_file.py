@@ -10,7 +10,7 @@ from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.learning.torque_samples import FEWEST_OF_SPLINE, motion
 from tel_ros.core.trajectories.paths import waypoint_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.csv_source import ACCELERATION, POSITION, TIME, VELOCITY, read_table
 from tel_ros.recording.waypoint_file import read_waypoints

@@ -17,7 +17,7 @@ from tel_ros.core.learning.noise import (
     sensor_noise,
 )
 from tel_ros.core.trajectories.paths import NAMED_PATHS
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 
 DT_S = 0.002
 

@@ -12,7 +12,7 @@ from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
 from tel_ros.core.practice.movement_path import command, desired_trajectory, movement_path
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS, waypoint_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 
 LOOPS = NAMED_PATHS["planar_loops"]
 LINE = waypoint_path("line", np.array([[0.2, 0.5], [1.0, 1.5]]))

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from tel_ros.core.errors import TrajectoryError
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trajectories.paths import NAMED_PATHS
+from tel_ros.core.trajectories.trajectory import (
+    MINIMUM_JERK_PEAK_SPEED,
+    DesiredTrajectory,
+    minimum_jerk,
+    sample,
+)
 
 FIELDS = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
 
@@ -75,3 +81,106 @@ def test_times_that_do_not_increase_are_refused_with_their_place(times_s: tuple[
 def test_a_trajectory_of_fewer_than_two_points_is_refused(n: int) -> None:
     with pytest.raises(TrajectoryError, match=f"has {n} points; expected at least 2"):
         trajectory(range(n), **dict.fromkeys(FIELDS, np.zeros((n, 2))))
+
+
+def test_minimum_jerk_goes_from_rest_to_rest() -> None:
+    s, ds, dds = minimum_jerk(np.array([0.0, 1.0]))
+    np.testing.assert_array_equal(s, [0.0, 1.0])
+    np.testing.assert_array_equal(ds, [0.0, 0.0])
+    np.testing.assert_array_equal(dds, [0.0, 0.0])
+
+
+def test_minimum_jerk_is_held_at_the_ends_outside_the_movement() -> None:
+    s, ds, dds = minimum_jerk(np.array([-3.0, 1.0 + 1e-9, 7.0]))
+    np.testing.assert_array_equal(s, [0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(ds, 0.0)
+    np.testing.assert_array_equal(dds, 0.0)
+
+
+def test_minimum_jerk_never_goes_back_and_is_symmetric_in_time() -> None:
+    p = np.linspace(0.0, 1.0, 1001)
+    s, ds, _ = minimum_jerk(p)
+    assert np.all(np.diff(s) >= 0.0)
+    np.testing.assert_allclose(s + s[::-1], 1.0, atol=1e-15)  # rounding only
+    np.testing.assert_allclose(ds, ds[::-1], atol=1e-14)
+
+
+def test_derivatives_of_minimum_jerk_are_those_of_its_values() -> None:
+    h = 1e-5
+    p = np.linspace(0.01, 0.99, 99)
+    _, ds, dds = minimum_jerk(p)
+    (above, ds_above, _), (below, ds_below, _) = minimum_jerk(p + h), minimum_jerk(p - h)
+    # Truncation h² s''' / 6 with s''' <= 60, plus rounding 1e-16 / h.
+    np.testing.assert_allclose(ds, (above - below) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(dds, (ds_above - ds_below) / (2 * h), atol=1e-8)
+
+
+def test_the_peak_speed_is_reached_in_the_middle() -> None:
+    _, ds, _ = minimum_jerk(np.linspace(0.0, 1.0, 1001))
+    assert ds.max() == ds[500] == MINIMUM_JERK_PEAK_SPEED
+
+
+LOOPS = NAMED_PATHS["planar_loops"]
+
+
+def test_the_movement_starts_and_ends_at_rest_where_the_path_does() -> None:
+    desired = sample(LOOPS, 4.5, 500.0)
+    np.testing.assert_allclose(desired.position_rad[[0, -1]], [[0.6, 1.3]] * 2, atol=1e-12)
+    np.testing.assert_array_equal(desired.velocity_rad_s[[0, -1]], 0.0)
+    np.testing.assert_array_equal(desired.acceleration_rad_s2[[0, -1]], 0.0)
+
+
+def test_velocities_and_accelerations_are_the_derivatives_of_the_positions() -> None:
+    desired = sample(LOOPS, 2.0, 5000.0)
+    dt_s = 1 / 5000.0
+    speed = np.gradient(desired.position_rad, dt_s, axis=0)[1:-1]
+    acceleration = np.gradient(desired.velocity_rad_s, dt_s, axis=0)[1:-1]
+    # Central differences are off by dt² / 6 times the next but one derivative. With the fastest harmonic,
+    # 0.5 rad at 6π 1.875 / 2 s = 17.7 rad/s, that is below 5e3 rad/s³ for the velocity and 1e5 rad/s⁴ for the
+    # acceleration; the values themselves go up to 11 rad/s and 200 rad/s².
+    np.testing.assert_allclose(desired.velocity_rad_s[1:-1], speed, rtol=0, atol=5e3 * dt_s**2 / 6)
+    np.testing.assert_allclose(
+        desired.acceleration_rad_s2[1:-1], acceleration, rtol=0, atol=1e5 * dt_s**2 / 6
+    )
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "rate_hz", "points"),
+    [
+        (4.5, 500.0, 2251),
+        (11.5, 500.0, 5751),
+        (0.7, 10.0, 8),
+        (0.07, 100.0, 8),  # a product that is 7 and a rounding error
+        (0.3, 10.0, 4),
+        (0.25, 10.0, 4),
+        (0.01, 10.0, 2),
+    ],
+)
+def test_points_lie_on_ticks_up_to_the_first_that_is_not_too_early(
+    duration_s: float, rate_hz: float, points: int
+) -> None:
+    desired = sample(LOOPS, duration_s, rate_hz)
+    assert len(desired.time_ns) == points
+    np.testing.assert_array_equal(desired.time_ns, np.round(np.arange(points) * 1e9 / rate_hz))
+
+
+def test_a_duration_that_is_no_whole_number_of_ticks_is_kept_and_the_end_is_held() -> None:
+    desired = sample(LOOPS, 1.0053, 100.0)
+    assert desired.duration_s == 1.01
+    fine = sample(LOOPS, 1.0053, 10000.0)
+    np.testing.assert_allclose(desired.position_rad[50], fine.position_rad[5000], atol=1e-12)
+    np.testing.assert_allclose(desired.position_rad[-1], LOOPS.evaluate(np.array([1.0]))[0][0], atol=1e-12)
+    np.testing.assert_array_equal(desired.velocity_rad_s[-1], 0.0)
+
+
+def test_a_rate_whose_period_is_no_whole_number_of_nanoseconds_does_not_drift() -> None:
+    desired = sample(LOOPS, 3.0, 300.0)
+    assert desired.time_ns[-1] == 3_000_000_000
+    assert set(np.diff(desired.time_ns)) == {3_333_333, 3_333_334}
+
+
+def test_speed_goes_with_the_inverse_and_acceleration_with_the_inverse_square_of_the_duration() -> None:
+    slow, fast = sample(LOOPS, 8.0, 100.0), sample(LOOPS, 4.0, 200.0)
+    np.testing.assert_allclose(fast.position_rad, slow.position_rad, atol=1e-12)
+    np.testing.assert_allclose(fast.velocity_rad_s, 2.0 * slow.velocity_rad_s, atol=1e-12)
+    np.testing.assert_allclose(fast.acceleration_rad_s2, 4.0 * slow.acceleration_rad_s2, atol=1e-11)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tel_lab.random_path import random_smooth_path
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path
-from tel_ros.core.trajectories.random_path import random_smooth_path
-from tel_ros.core.trajectories.sampling import sample
+from tel_ros.core.trajectories.trajectory import sample
 
 LOW, HIGH = (-2.6, -2.6), (2.6, 2.6)
 S = np.linspace(0.0, 1.0, 2001)
