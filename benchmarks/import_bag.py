@@ -30,7 +30,7 @@ from tel_ros.core.learning.torque_fit import held_out_error, predict_torque
 from tel_ros.core.learning.torque_samples import chosen_cutoff_hz, motion, torque_samples
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.foreign.sources import read_sources
+from tel_ros.recording.foreign.recordings import read_sources
 from tel_ros.recording.network_file import load_network
 
 FAST = 2.5

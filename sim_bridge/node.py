@@ -69,9 +69,9 @@ class SimBridgeNode(Node):
         if run is None:
             self._arm = new_arm()
         else:
-            # Imported late: an arm that begins anew needs no bags, and should not wait for their reader.
-            from tel_ros.recording.arm_record import read_arm_record
+            # Late: an arm that begins anew should not wait for the reader of bags.
             from tel_ros.recording.run_folder import trial_bags
+            from tel_ros.recording.trial_bag import read_arm_record
 
             trials = (read_arm_record(bag, command_topic) for bag in trial_bags(run))
             self._arm, self._start_ns = replay_arm(new_arm, trials)

@@ -19,10 +19,10 @@ from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.learning.torque_fit import Fit, TorquePrediction, fit_torque
 from tel_ros.core.learning.torque_samples import Excitation, TorqueSamples, excitation, torque_samples
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.foreign.arm_description import arm_description
-from tel_ros.recording.foreign.sources import read_sources
+from tel_ros.recording.foreign.recordings import read_sources
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.shared_files import named_file
+from tel_ros.recording.urdf import arm_description
 
 POOR_NMSE = 0.1
 _SEED = 1

@@ -38,7 +38,7 @@ def predict(
     # Late: it takes half a second to import.
     from tel_ros.app.imported import extrapolation_warning
     from tel_ros.core.learning.torque_fit import predict_torque
-    from tel_ros.recording.foreign.movement_file import read_movement
+    from tel_ros.recording.foreign.csv_files import read_movement
     from tel_ros.recording.network_file import load_network
 
     try:

@@ -67,7 +67,7 @@ def replay(
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
     from tel_ros.nodes.bag_player import BagPlayer
-    from tel_ros.recording.any_bag import open_any_bag, reading
+    from tel_ros.recording.bag_format import open_any_bag, reading
     from tel_ros.recording.replay import Replay, ReplayOptions
     from tel_ros.recording.trial_bag import check_sums
 

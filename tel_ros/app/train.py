@@ -13,8 +13,8 @@ from tel_ros.core.errors import InputFileError
 from tel_ros.recording.config_file import with_overrides
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.new_network import new_network
+from tel_ros.recording.provenance import unpacked_config
 from tel_ros.recording.retraining import Lesson, bags_of, relearned, require_trainable
-from tel_ros.recording.stored_files import unpacked_config
 
 _CHANGEABLE = ("learning", "seed")
 

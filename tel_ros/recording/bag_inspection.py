@@ -17,7 +17,7 @@ from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.trial import Outcome
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.any_bag import METADATA_FILE, is_latched, open_any_bag, reading
+from tel_ros.recording.bag_format import METADATA_FILE, is_latched, open_any_bag, reading
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
 from tel_ros.recording.trial_bag import check_sums
 

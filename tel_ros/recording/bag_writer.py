@@ -23,8 +23,7 @@ from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.message_types import typestore
-from tel_ros.recording.offered_qos import offered_qos
+from tel_ros.recording.bag_format import offered_qos, typestore
 
 UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""

@@ -13,7 +13,7 @@ from rosbags.interfaces import Connection
 
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording.any_bag import open_any_bag, reading
+from tel_ros.recording.bag_format import open_any_bag, reading
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 

@@ -21,8 +21,8 @@ from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import offered_qos
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, BagWriter
-from tel_ros.recording.offered_qos import offered_qos
 from tel_ros.recording.trial_bag import check_bag
 
 _MAGIC = b"\x89MCAP0\r\n"

@@ -15,7 +15,7 @@ from rosbags.interfaces import Connection
 from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.any_bag import is_latched, reading, type_hash
+from tel_ros.recording.bag_format import is_latched, reading, type_hash
 
 PREFIX = "/replay"
 """Put before the names of all topics: an arm, and whatever drives one, may be listening to the recorded ones.

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import fcntl
 import json
 import math
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config, file_values, with_files
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
-from tel_ros.recording.code_version import versions
 from tel_ros.recording.config_file import config_from, dump_config, read_yaml
+from tel_ros.recording.provenance import versions
 
 CONFIG_FILE = "run.yaml"
 SUMMARY_FILE = "summary.json"
@@ -141,3 +145,30 @@ def json_ready(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def run_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder of a run; the operating system gives it free when this process ends, however it ends.
+
+    File systems that know no locks do without.
+
+    Args:
+        folder: of the run, with its configuration.
+
+    Raises:
+        InputFileError: another process holds it, or it has no configuration.
+    """
+    try:
+        file = (folder / CONFIG_FILE).open("rb")
+    except OSError as error:
+        found = f"cannot be opened ({error.strerror})"
+        raise InputFileError(folder / CONFIG_FILE, found, "the folder of a practice run") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                found = "a practice run is under way in it"
+                raise InputFileError(folder, found, "a run that was interrupted and has ended") from None
+        yield

@@ -9,7 +9,7 @@ from typing import Any
 
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import BagError
-from tel_ros.recording.stored_files import stored_config, stored_urdf
+from tel_ros.recording.provenance import stored_config, stored_urdf
 
 _KEYS = ("name", "joints", "command_interface", "stiffness_nm_per_rad", "damping_nms_per_rad")
 

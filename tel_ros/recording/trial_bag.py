@@ -313,3 +313,25 @@ def _timed_messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int,
             f"the {announced} that it announces",
         )
     return messages
+
+
+def read_arm_record(
+    bag: Path, command_topic: str
+) -> tuple[dict[int, tuple[tuple[float, ...], tuple[float, ...]]], list[tuple[int, tuple[float, ...]]]]:
+    """Return the joint states and the commands of a trial, of joints in the order of the messages.
+
+    Returns:
+        Stamp [ns] to positions in rad and velocities in rad/s; and stamps of the states that were answered,
+        each with the command that answered it.
+
+    Raises:
+        BagError: the bag cannot be read, or holds no joint states.
+    """
+    states = {
+        time_ns: (tuple(state.position.tolist()), tuple(state.velocity.tolist()))
+        for time_ns, state in read_topic(bag, topics.JOINT_STATES)
+    }
+    if not states:
+        raise BagError(bag, "holds no joint states", "those of a trial")
+    commands = read_topic(bag, command_topic)
+    return states, [(time_ns, tuple(command.data.tolist())) for time_ns, command in commands]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tel_ros.core.config import Config
 from tel_ros.core.practice.decisions import PlannedTrial
 from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.stored_files import stored_files
+from tel_ros.recording.provenance import stored_files
 
 GO_BACK_TO = "go_back_to"
 """The trial whose network was gone back to before this one; empty: none."""

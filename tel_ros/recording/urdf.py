@@ -1,8 +1,10 @@
-"""What an arm's URDF says about its joints: limits and the way to the hand."""
+"""An arm's URDF: limits of the joints, the way to the hand, and the same arm with some of its joints held."""
 
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,8 @@ from tel_ros.core.types import FloatArray
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 """Types of joints that have a position."""
+_STANDS_STILL_RAD = 0.01
+"""Range within which a joint counts as held: its encoder may have noise."""
 
 
 @dataclass(frozen=True)
@@ -146,3 +150,70 @@ def _chain_joint(joint: Any, joints: tuple[str, ...]) -> ChainJoint:
         index=joints.index(joint.name) if joint.name in joints else None,
         prismatic=joint.type == "prismatic",
     )
+
+
+def arm_description(
+    file: Path, joints: Sequence[str], others: Mapping[str, tuple[float, float]]
+) -> tuple[str, list[str]]:
+    """Return a URDF in which all joints that are not learned are fixed where they were.
+
+    Args:
+        file: URDF of the arm.
+        joints: that are learned.
+        others: within which positions [rad] other joints were recorded. What was not recorded is taken to
+            have been at zero.
+
+    Returns:
+        Its text, and what had to be assumed, in words.
+
+    Raises:
+        InputFileError: the file is missing, or no URDF.
+        ConfigError: a joint is not in it, or one that is not learned has moved.
+    """
+    urdf = read_urdf(file)
+    movable = [joint.name for joint in urdf.joints if joint.type in MOVABLE]
+    missing = [joint for joint in joints if joint not in movable]
+    if missing:
+        expected = f"movable joints of {file} (it has {', '.join(movable) or 'none'})"
+        raise ConfigError("joints", ", ".join(missing), expected)
+    robot = ElementTree.fromstring(file.read_bytes())
+    assumed = []
+    for element in robot.iterfind("joint"):
+        name = element.get("name", "")
+        if name not in movable or name in joints:
+            continue
+        low, high = others.get(name, (0.0, 0.0))
+        if high - low > _STANDS_STILL_RAD:
+            expected = f"also {name}, which moved by {high - low:.3g} rad in the recording"
+            raise ConfigError("joints", ", ".join(joints), expected)
+        if name not in others:
+            assumed.append(f"{name} was not recorded: the arm is described with it at 0")
+        _fix(element, 0.5 * (low + high))
+    return ElementTree.tostring(robot, encoding="unicode"), assumed
+
+
+def _fix(element: ElementTree.Element, position: float) -> None:
+    """Turn a movable joint into a fixed one at a position, in rad or m."""
+    from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
+
+    origin = element.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(element, "origin")
+    axis_element = element.find("axis")
+    axis = _numbers("1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0"))
+    along = position * axis / np.linalg.norm(axis)
+    rotation = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0")))
+    if element.get("type") == "prismatic":
+        place = _numbers(origin.get("xyz", "0 0 0")) + rotation.apply(along)
+        origin.set("xyz", " ".join(map(repr, place.tolist())))
+    else:
+        turned = (rotation * Rotation.from_rotvec(along)).as_euler("xyz")
+        origin.set("rpy", " ".join(map(repr, turned.tolist())))
+    element.set("type", "fixed")
+    for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+        for child in element.findall(tag):
+            element.remove(child)
+
+
+def _numbers(text: str) -> FloatArray:
+    return np.array(text.split(), dtype=np.float64)

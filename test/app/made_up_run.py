@@ -16,8 +16,8 @@ from tel_ros.core.practice.decisions import Movement, PlannedTrial
 from tel_ros.core.trial import LoopTiming, Outcome, Phase, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
-from tel_ros.recording.message_types import typestore
 from tel_ros.recording.run_folder import create_run_folder, trial_bag
 from tel_ros.recording.summary import RunSummary, TrialRow
 from tel_ros.recording.trial_timing import timing_fields

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from synthetic_trial import message, stamp
 
-from tel_ros.recording.message_types import typestore
+from tel_ros.recording.bag_format import typestore
 
 STATES = "sensor_msgs/msg/JointState"
 TEXT = "std_msgs/msg/String"

@@ -13,8 +13,8 @@ from tel_ros.core.config import RecordingConfig
 from tel_ros.core.trial import LoopTiming, Phase
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
-from tel_ros.recording.message_types import typestore
 from tel_ros.recording.trial_timing import timing_fields
 
 JOINTS = ("shoulder", "elbow")

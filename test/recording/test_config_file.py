@@ -21,8 +21,8 @@ from tel_ros.recording.config_file import (
     to_plain,
     with_values,
 )
+from tel_ros.recording.provenance import stored_files, unpacked_config
 from tel_ros.recording.run_folder import create_run_folder
-from tel_ros.recording.stored_files import stored_files, unpacked_config
 
 Edit = Callable[[str, str, str], Path]
 

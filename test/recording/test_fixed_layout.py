@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.fixed_layout import (
     CommandLayout,
     ControlStateLayout,
     JointStateLayout,
     command_layout,
 )
-from tel_ros.recording.message_types import typestore
 
 STAMP_NS = 1_795_468_340_999_999_999
 NAMES = pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from synthetic_trial import SyntheticTrial
 from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.any_bag import open_any_bag
+from tel_ros.recording.bag_format import open_any_bag
 from tel_ros.recording.replay import STANDSTILL_S, Pacer, Replay, ReplayOptions
 
 ROWS = [

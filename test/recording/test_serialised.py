@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.typesys.store import Typestore
 
-from tel_ros.recording.message_types import typestore
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.serialised import answered_ns, header_stamp_ns, trial_index
 
 ORDERS = pytest.mark.parametrize("little", [True, False], ids=["little", "big"])

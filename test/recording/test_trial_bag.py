@@ -17,9 +17,9 @@ from tel_ros.core.errors import BagError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import CHECKSUMS, TrialBagWriter
 from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.message_types import typestore
 from tel_ros.recording.shared_files import share_folder
 from tel_ros.recording.trial_bag import read_trial
 

@@ -11,8 +11,8 @@ from synthetic_trial import SyntheticTrial
 
 from tel_ros.core.trial import LoopTiming
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
-from tel_ros.recording.message_types import typestore
 from tel_ros.recording.shared_files import share_folder
 from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.trial_timing import timing_fields

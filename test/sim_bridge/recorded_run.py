@@ -22,10 +22,10 @@ from tel_ros.core.practice.movement_path import command, desired_trajectory  # n
 from tel_ros.core.practice.strategy import make_strategy  # noqa: E402
 from tel_ros.core.springs import Springs  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
+from tel_ros.recording.bag_format import typestore  # noqa: E402
 from tel_ros.recording.bag_writer import TrialBagWriter  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 from tel_ros.recording.earlier_trials import NetworkForecast  # noqa: E402
-from tel_ros.recording.message_types import typestore  # noqa: E402
 from tel_ros.recording.network_file import load_network, revision, save_network  # noqa: E402
 from tel_ros.recording.new_network import new_network  # noqa: E402
 from tel_ros.recording.run_folder import (  # noqa: E402

@@ -18,7 +18,6 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.recording import topics
-from tel_ros.recording.arm_record import read_arm_record
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.earlier_trials import earlier_trials
@@ -28,12 +27,12 @@ from tel_ros.recording.run_folder import (
     SUMMARY_FILE,
     network_after,
     read_summary,
+    run_lock,
     trial_bag,
     trial_bags,
     write_summary,
 )
-from tel_ros.recording.run_lock import run_lock
-from tel_ros.recording.trial_bag import read_topic
+from tel_ros.recording.trial_bag import read_arm_record, read_topic
 
 PLANAR_ARM = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
 OVERRIDES = (

@@ -1,4 +1,4 @@
-"""The desired trajectory y, and the way from a path to it: positions, velocities and accelerations over time."""
+"""The desired trajectory y: positions, velocities and accelerations over time, and how a path gets them."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import LinkJoint, SerialChain
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.export import exported_topics as added
-from tel_ros.recording.message_types import typestore
-from tel_ros.recording.stored_files import stored_config, stored_urdf
+from tel_ros.recording.provenance import stored_config, stored_urdf
 from tel_ros.recording.trial_bag import RecordedTrial
 from tel_ros.recording.urdf import chain_to_hand, link_joints, parse_urdf
 

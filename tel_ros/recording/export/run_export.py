@@ -13,7 +13,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording.any_bag import open_any_bag, reading, type_hash
+from tel_ros.recording.bag_format import offered_qos, open_any_bag, reading, type_hash, typestore
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
 from tel_ros.recording.export import exported_topics
@@ -25,8 +25,6 @@ from tel_ros.recording.export.added_messages import (
     messages_of_trial,
 )
 from tel_ros.recording.export.timeline import Timeline
-from tel_ros.recording.message_types import typestore
-from tel_ros.recording.offered_qos import offered_qos
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bags
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 

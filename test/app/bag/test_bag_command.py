@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from rosbags.rosbag2 import Writer
 
 from tel_ros.app.cli import main
-from tel_ros.recording.message_types import typestore
+from tel_ros.recording.bag_format import typestore
 
 SAMPLE = Path(__file__).parents[3] / "bags" / "sample_run"
 STATES = "sensor_msgs/msg/JointState"

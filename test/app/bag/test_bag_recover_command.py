@@ -14,8 +14,8 @@ from tel_ros.app.errors import EXIT_BAD_INPUT
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import UNFINISHED, TrialBagWriter
-from tel_ros.recording.message_types import typestore
 from tel_ros.recording.trial_bag import read_trial
 
 

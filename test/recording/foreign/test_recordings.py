@@ -16,8 +16,13 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from tel_ros.core.errors import InputFileError
-from tel_ros.recording.foreign.bag_source import JOINT_STATE, JOINT_TRAJECTORY, read_bag
-from tel_ros.recording.foreign.sources import read_source, read_sources
+from tel_ros.recording.foreign.recordings import (
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    read_bag,
+    read_source,
+    read_sources,
+)
 
 RECORDING = made_up(1.0, 100.0).recording
 NAMES = list(RECORDING.joints)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tel_ros import __version__
-from tel_ros.recording import code_version
-from tel_ros.recording.code_version import git_revision, versions
+from tel_ros.recording import provenance
+from tel_ros.recording.provenance import git_revision, versions
 
 pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="makes a checkout")
 
@@ -43,7 +43,7 @@ def test_what_is_no_checkout_has_no_commit(tmp_path: Path, monkeypatch: pytest.M
     assert git_revision(tmp_path) == ""
     (tmp_path / ".git").write_text("gitdir: nowhere")
     assert git_revision(tmp_path) == ""
-    monkeypatch.setattr(code_version, "CHECKOUT", tmp_path)
+    monkeypatch.setattr(provenance, "CHECKOUT", tmp_path)
     assert "revision" not in versions()
 
 
@@ -53,7 +53,7 @@ def test_a_machine_without_git_is_no_reason_to_fail(checkout: Path, monkeypatch:
 
 
 def test_versions_are_those_that_run(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(code_version, "CHECKOUT", checkout)
+    monkeypatch.setattr(provenance, "CHECKOUT", checkout)
     found = versions()
     assert (found["tel_ros"], found["numpy"]) == (__version__, np.__version__)
     assert found["revision"] == git(checkout, "rev-parse", "HEAD")

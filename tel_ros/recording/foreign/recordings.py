@@ -1,4 +1,4 @@
-"""Joint recordings from bags: rosbag1, rosbag2 in sqlite3 or MCAP, with or without its metadata.yaml.
+"""Joint recordings from CSVs and bags: rosbag1, rosbag2 in sqlite3 or MCAP, with or without metadata.yaml.
 
 Two messages are understood: ``sensor_msgs/JointState`` with efforts, and ``trajectory_msgs/JointTrajectory``
 whose points have efforts; each of the latter is a recording by itself. Types that a bag does not describe are
@@ -8,25 +8,76 @@ those of ROS 2 Jazzy.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
-from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.errors import InputFileError
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording.bag_format import METADATA_FILE, reading, typestore
+from tel_ros.recording.foreign.csv_files import read_csv_recording
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DATA_FILES = (".mcap", ".db3")
 BAG_FILES = (".bag", *DATA_FILES)
 _EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajectory with efforts"
+
+
+def read_source(source: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
+    """Read a bag or a CSV. See :func:`read_bag` and :func:`.csv_files.read_csv_recording`.
+
+    Raises:
+        InputFileError: it is missing, of another kind, cannot be read, or tells no positions or efforts.
+    """
+    if source.suffix.lower() == ".csv":
+        return [read_csv_recording(source, joints)]
+    if source.is_file() and source.suffix not in BAG_FILES:
+        expected = f"a folder of rosbag2, or a file {', '.join((*BAG_FILES, '.csv'))}"
+        raise InputFileError(source, f"is a file {source.suffix or 'without an ending'}", expected)
+    return read_bag(source, topic, joints)
+
+
+def read_sources(
+    sources: Sequence[Path], topic: str = "", joints: Sequence[str] = ()
+) -> tuple[list[JointRecording], dict[str, tuple[float, float]]]:
+    """Read recordings of one arm.
+
+    Args:
+        sources: bags and CSVs.
+        topic: of bags; empty: the one that has efforts.
+        joints: to learn, in this order; empty: all whose efforts the first source tells.
+
+    Returns:
+        Recordings of these joints, each fit to be learned from; and within which positions other joints
+        stayed, by name.
+
+    Raises:
+        InputFileError: see :func:`read_source`; a recording lacks a joint, cannot be learned from, or tells
+            other joints than the first one does.
+    """
+    found = [recording for source in sources for recording in read_source(source, topic, joints)]
+    joints = tuple(joints) or found[0].with_effort() or found[0].joints
+    for recording in found:
+        extra = [joint for joint in recording.with_effort() if joint not in found[0].joints]
+        if extra:
+            expected = f"the joints of {found[0].source}: {', '.join(found[0].joints)}"
+            raise InputFileError(recording.source, f"has the joints {', '.join(extra)}", expected)
+    chosen = [recording.of(joints) for recording in found]
+    for recording in chosen:
+        recording.require_learnable()
+    others: dict[str, tuple[float, float]] = {}
+    for recording in found:
+        for joint, (low, high) in recording.ranges_rad().items():
+            if joint not in joints:
+                least, most = others.get(joint, (low, high))
+                others[joint] = (min(least, low), max(most, high))
+    return chosen, others
 
 
 def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
@@ -45,7 +96,10 @@ def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[Joi
         InputFileError: there is no such bag, it cannot be read or is empty, it yields fewer messages than it
             announces, it has no such topic or several to choose from, or there are no efforts.
     """
-    with _opened(bag) as reader:
+    files = _files(bag)
+    with reading(bag, _EXPECTED), AnyReader(files, default_typestore=typestore()) as reader:
+        for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in reader.connections} - {"cdr"}:
+            raise InputFileError(bag, f"is serialised as {fmt!r}", "messages serialised as 'cdr'")
         named = {c.topic: c.msgtype for c in reader.connections}
         if topic and named.get(topic) not in (JOINT_STATE, JOINT_TRAJECTORY):
             found = f"{topic} has messages {named[topic]}" if topic in named else f"has no topic {topic}"
@@ -149,26 +203,10 @@ def _since_first_s(time_ns: IntArray) -> FloatArray:
     return np.asarray(time_ns - time_ns[0], dtype=np.float64) / NS_PER_S
 
 
-@contextmanager
-def _opened(bag: Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever goes wrong with it, meanwhile as well, becomes an InputFileError."""
-    try:
-        with AnyReader(_files(bag), default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in reader.connections} - {"cdr"}:
-                raise InputFileError(bag, f"is serialised as {fmt!r}", "messages serialised as 'cdr'")
-            yield reader
-    except TelError:
-        raise
-    except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
-        # The text of some errors, a KeyError for one, says nothing without their kind.
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise InputFileError(bag, f"cannot be read ({reason})", _EXPECTED) from error
-
-
 def _files(bag: Path) -> list[Path]:
     if not bag.exists():
         raise InputFileError(bag, "there is no such file or folder", _EXPECTED)
-    if bag.is_file() or (bag / "metadata.yaml").is_file():
+    if bag.is_file() or (bag / METADATA_FILE).is_file():
         return [bag]
     # A recording that was cut off, or somebody has copied the data alone.
     files = sorted(file for file in bag.iterdir() if file.suffix in DATA_FILES)

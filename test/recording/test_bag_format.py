@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tel_ros.recording.message_types import to_cdr, typestore
+from tel_ros.recording.bag_format import to_cdr, typestore
 from tel_ros.recording.trial_timing import timing_fields
 
 GOAL = "tel_interfaces/msg/TrialGoal"

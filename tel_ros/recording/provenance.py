@@ -1,4 +1,4 @@
-"""The files that a run's configuration names, stored in each bag: bags alone tell what learning began with.
+"""What a run was made with: versions of the code, and the files that its configuration names, for its bags.
 
 Text files are stored as they are, in every bag. A binary file, such as the network that learning
 starts from, is stored in Base64, in the bag of the first trial only.
@@ -8,16 +8,23 @@ from __future__ import annotations
 
 import base64
 import binascii
+import platform
+import subprocess
 from collections.abc import Mapping
+from importlib import metadata as packages
 from pathlib import Path
 
 import yaml
 
+from tel_ros import __version__
 from tel_ros.core.config import Config, file_keys, file_values, with_files
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.recording.config_file import config_from
 
+CHECKOUT = Path(__file__).parents[2]
 _PREFIX = "file."
+_PACKAGES = ("numpy", "scipy", "numba", "rosbags", "pybullet", "pin")
+_GIT_TIMEOUT_S = 5.0
 
 
 def stored_files(config: Config, trial: int) -> dict[str, str]:
@@ -99,3 +106,33 @@ def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -
         what = "the bag of the run's first trial" if is_binary else "a bag with all its files"
         found = f"does not hold {key}, and {beside} is not there"
         raise BagError(bag, found, f"{what}, or the whole folder of the run") from None
+
+
+def versions() -> dict[str, str]:
+    """Return names and versions: ours, Python's, those of packages that results depend on.
+
+    ``revision`` is the commit of a checkout, with ``-dirty`` behind it where files differ from that. Code
+    that was installed has none.
+    """
+    found = {"tel_ros": __version__, "python": platform.python_version()}
+    revision = git_revision(CHECKOUT)
+    if revision:
+        found["revision"] = revision
+    for package in _PACKAGES:
+        try:
+            found[package] = packages.version(package)
+        except packages.PackageNotFoundError:
+            continue
+    return found
+
+
+def git_revision(checkout: Path) -> str:
+    """Return the commit of a checkout; empty if it is none, or git is not there or does not answer."""
+    if not (checkout / ".git").exists():
+        return ""
+    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip()
