@@ -6,7 +6,8 @@ from typing import Any
 
 from setuptools import find_packages, setup
 
-ROOT = Path(__file__).parent
+# `colcon build --symlink-install` runs a link to this file, beside links to some of the others.
+ROOT = Path(__file__).resolve().parent
 SHARE = Path("share/tel_ros")
 
 # Folders of configuration and robot descriptions keep their places below share/tel_ros, because the
@@ -40,7 +41,8 @@ setup(
     long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     maintainer="tel_ros contributors",
-    maintainer_email="maintainers@tel-ros.invalid",
+    maintainer_email="maintainers@users.noreply.h-seed-112b96e9.example",
+    url="https://h-seed-112b96e9.example/tel_ros",
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=["tel_ros*", "sim_bridge*", "tel_lab*"]),

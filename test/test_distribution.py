@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -102,6 +104,33 @@ def test_the_version_is_the_same_wherever_it_is_written() -> None:
     }
     assert written == dict.fromkeys(written, tel_ros.__version__)
     assert re.fullmatch(r"\d+\.\d+\.\d+", tel_ros.__version__)
+
+
+def test_set_up_works_through_links_from_another_folder(tmp_path: Path) -> None:
+    """As ``colcon build --symlink-install`` runs it."""
+    for name in ("setup.py", "setup.cfg", "tel_ros", "sim_bridge", "tel_lab", "package.xml"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    command = [sys.executable, "setup.py", "--version"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (run.stdout.strip(), run.stderr) == (tel_ros.__version__, "")
+
+
+@pytest.mark.skipif(shutil.which("colcon") is None, reason="needs colcon")
+@pytest.mark.parametrize("options", [(), ("--symlink-install",)])
+@pytest.mark.timeout(300)
+def test_colcon_builds_without_a_word_on_stderr(tmp_path: Path, options: tuple[str, ...]) -> None:
+    shutil.copytree(ROOT, tmp_path / "src", ignore=shutil.ignore_patterns(*_MADE_HERE))
+    shutil.copytree(ROOT / "bags" / "sample_run", tmp_path / "src" / "bags" / "sample_run")
+    command = ["colcon", "build", "--base-paths", "src", "--packages-select", "tel_ros", *options]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=250, env=_COMPILING)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert (tmp_path / "log" / "latest_build" / "tel_ros" / "stderr.log").read_text() == ""
+    assert (tmp_path / "install" / "tel_ros" / "lib" / "tel_ros" / "practice_manager").is_file()
+
+
+_MADE_HERE = (".*", "bags", "build", "dist", "install", "log", "site", "*.egg-info", "__pycache__")
+_COMPILING = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+"""An environment in which Python may write what it compiles: setuptools complains where it may not."""
 
 
 def test_the_citation_names_the_paper_and_the_software() -> None:
