@@ -97,9 +97,8 @@ setup(
         ],
         "sim": ["pybullet"],
         "report": ["jinja2", "matplotlib"],
-        # tel view, tel practice --view. Exactly this version: its locks touch names that viser does not
-        # promise to keep (tel_ros/app/view/server.py).
-        "view": ["viser[urdf]==1.1.1", "msgspec", "websockets"],
+        # tel view, tel practice --view. Earlier versions of viser lack what the page uses.
+        "view": ["viser[urdf]>=1.1,<2", "msgspec", "websockets>=13"],
         # For the learners rigid_body and rigid_body+lms_tree.
         "rigid-body": ["pin"],
         # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.

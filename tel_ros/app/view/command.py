@@ -14,7 +14,7 @@ from rich.console import Console
 
 from tel_ros.app.config_argument import config_argument, namespace_option
 from tel_ros.app.errors import EXIT_BAD_INPUT, end
-from tel_ros.app.view.errors import ViewError
+from tel_ros.app.view.gate import ViewError
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 

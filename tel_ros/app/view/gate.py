@@ -9,14 +9,20 @@ from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
+from tel_ros.core.errors import TelError
+
 HOST = "127.0.0.1"
-"""The one address that the view listens at: nobody on another machine can reach it."""
+"""The view listens here only: other machines cannot reach it."""
 _NAMES = (HOST, "localhost")
+
+
+class ViewError(TelError):
+    """The live view cannot be opened, or not safely."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What becomes of a request. ``status`` is OK for one that may pass; ``headers`` belong to the answer."""
+    """What to do with a request: ``status`` is OK if it may pass; ``headers`` belong to the answer."""
 
     status: HTTPStatus
     headers: tuple[tuple[str, str], ...] = ()
@@ -25,7 +31,7 @@ class Verdict:
 
 SHIELD = (
     ("Cache-Control", "no-store"),
-    ("Content-Security-Policy", "frame-ancestors 'none'"),  # nobody's page may lay itself over the buttons
+    ("Content-Security-Policy", "frame-ancestors 'none'"),  # no other page may cover the buttons
     ("Referrer-Policy", "no-referrer"),
     ("X-Content-Type-Options", "nosniff"),
     ("X-Frame-Options", "DENY"),
@@ -36,9 +42,9 @@ SHIELD = (
 class Gate:
     """Lets in whoever knows the token: from the link in the terminal at first, from a cookie after that.
 
-    Pages of other origins can send requests to this machine, too, and the browser adds the cookie when they
-    come from another port of it. So the origin of a socket is checked as well (:attr:`origins`), and the
-    name in the request, against names of others that were made to point here.
+    Pages of other origins can send requests to this machine, too, and the browser adds the cookie to them. So
+    the origin of a socket is checked as well (:attr:`origins`), and the host name of the request, against
+    foreign names that point here.
 
     Args:
         token: the secret; not empty.
@@ -53,7 +59,7 @@ class Gate:
         self._hosts = tuple(f"{name}:{port}" for name in _NAMES)
         self.origins = tuple(f"http://{host}" for host in self._hosts)
         """Origins of pages that may open a socket."""
-        # By number: somebody else may listen at the other address that the name localhost has.
+        # By number: localhost may have a second address, at which somebody else listens.
         self.link = f"http://{HOST}:{port}/?token={token}"
         """What to open in a browser of this machine."""
 
@@ -70,7 +76,7 @@ class Gate:
         asked = parse_qs(urlsplit(path).query).get("token", [])
         if len(asked) == 1 and self._is_token(asked[0]):
             cookie = f"{self._cookie}={asked[0]}; HttpOnly; SameSite=Strict; Path=/"
-            # The link must not stay in the address bar, where it would be read over a shoulder.
+            # The token must not stay in the address bar, where others could read it.
             return Verdict(HTTPStatus.SEE_OTHER, (("Location", "/"), ("Set-Cookie", cookie), *SHIELD))
         if self._is_token(self._shown(cookies)):
             return Verdict(HTTPStatus.OK, SHIELD)

@@ -22,7 +22,7 @@ from tel_ros.app.view.graph import GraphView
 from tel_ros.app.view.history import EndedTrial, History
 from tel_ros.app.view.live_trial import LiveTrial
 from tel_ros.app.view.page import Page
-from tel_ros.app.view.server import open_server
+from tel_ros.app.view.server import OwnersServer
 from tel_ros.app.view.status import Status
 from tel_ros.app.view.viewpoint import viewpoint
 from tel_ros.core.config import Config
@@ -68,10 +68,11 @@ class LiveView:
         self._trial: LiveTrial | None = None
         self._history = History()
         self._feedback = Practice.Feedback(max_error_rad=float("nan"))
-        self._server, self.link = open_server(token, port, f"tel view: {config.arm.name}")
+        self._server = OwnersServer(token, port, f"tel view: {config.arm.name}")
+        self.link = self._server.link
         try:
             self._page = Page(
-                self._server, config.arm, viewpoint(np.vstack([path_m, np.zeros((1, 3))])), self._graph
+                self._server.viser, config.arm, viewpoint(np.vstack([path_m, np.zeros((1, 3))])), self._graph
             )
             self._page.show_history(self._history)
         except BaseException:
@@ -94,7 +95,7 @@ class LiveView:
         graph, page = self._graph, self._page
         graph.look_at_arm()
         self._looks += 1
-        with self._server.atomic():
+        with self._server.viser.atomic():
             if graph.arm is not None:
                 page.show_arm(graph.arm.position_rad)
             if graph.sample is not None:

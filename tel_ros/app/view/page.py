@@ -13,7 +13,7 @@ import yourdfpy
 from viser import uplot
 from viser.extras import ViserUrdf
 
-from tel_ros.app.view.errors import ViewError
+from tel_ros.app.view.gate import ViewError
 from tel_ros.app.view.grid_series import magnitude, round_up
 from tel_ros.app.view.history import History
 from tel_ros.app.view.live_trial import LiveTrial

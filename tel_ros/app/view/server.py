@@ -1,45 +1,64 @@
 """A viser server that only its owner can use.
 
-viser by itself has no authentication, listens everywhere, and lets every client change the handlers of every
-button or ask for a public tunnel. What is changed about that here touches names that viser does not promise
-to keep. So it takes exactly the version for which this was written and attacked (``test/app/view``), looks
-whether each name is there, and tries its own locks before anybody gets the link.
+viser has no authentication, listens everywhere, and lets every client change the handlers of every button or
+ask for a public tunnel. So it listens only at a socket file in a folder that nobody but this user may enter.
+The only way there is a server of ours at the loopback address, which judges each request (:class:`Gate`)
+and passes on only what a client may say (:func:`harmless`).
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import http.client
-import inspect
+import io
 import socket
+import tempfile
+import threading
+from collections.abc import Iterator
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import viser
-import viser._messages
 import viser.infra
-import websockets.asyncio.server
+from websockets.asyncio.client import unix_connect
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
 
-from tel_ros.app.view.errors import ViewError
-from tel_ros.app.view.gate import HOST, Gate, Verdict
+from tel_ros.app.view.gate import HOST, Gate, Verdict, ViewError
 
-VISER_VERSION = "1.1.1"
-_FOREIGN_ORIGIN = "http://example.invalid"
-_ANSWER_TIMEOUT_S = 5.0
-_GUARDED = "_tel_view_guarded"
+_TIMEOUT_S = 10.0
+_LONGEST_MESSAGE = 2**16
+"""Of a client, in bytes: where its camera is, or a click."""
+MAY_SAY = ("ViewerCameraMessage", "GuiUpdateMessage")
+"""Names of viser's messages that a client may send: where its camera is, and the value of an input."""
 
 
-class OwnersServer(viser.ViserServer):  # type: ignore[misc]
-    """Without the public tunnel that any client of viser can ask for."""
+def harmless(message: str | bytes) -> bytes | None:
+    """Return a message of a client as it may be passed on, None if the client may not say this.
 
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse: this arm is nobody else's."""
+    It may say where its camera is and what value an input has (a click is one). Everything else is dropped:
+    new handlers for somebody's buttons, uploads, tunnels, dragged parts, and whatever is unknown.
+    """
+    try:
+        said = msgspec.msgpack.decode(message)
+    except (msgspec.DecodeError, TypeError):
         return None
+    if not isinstance(said, dict) or said.get("type") not in MAY_SAY:
+        return None
+    updates = said.get("updates")
+    if said["type"] == "GuiUpdateMessage" and (not isinstance(updates, dict) or set(updates) != {"value"}):
+        return None
+    return msgspec.msgpack.encode(said)  # what was looked at, not what was sent
 
 
-def open_server(token: str, port: int, label: str) -> tuple[OwnersServer, str]:
-    """Open a server at the loopback address, and return it with the link that lets in.
+class OwnersServer:
+    """viser behind a gate.
 
     Args:
         token: the secret in the link.
@@ -47,145 +66,155 @@ def open_server(token: str, port: int, label: str) -> tuple[OwnersServer, str]:
         label: title of the page.
 
     Raises:
-        ViewError: the port is taken, this is not the version of viser that can be protected, or a lock does
-            not hold. Nothing listens then.
+        ViewError: the port is taken, or this viser cannot be protected. Nothing listens then.
     """
-    _require_known_viser()
-    _drop_all_messages_but_known_ones()
-    listener = _listener(port)
-    gate = Gate(token, listener.getsockname()[1])
-    locks: list[bool] = []
-    serve = websockets.asyncio.server.serve
 
-    def serve_behind_gate(handler: Any, host: str, number: int, **options: Any) -> Any:
-        inner = options.pop("process_request", None)
-        locks.append(callable(inner))
-
-        def process_request(connection: Any, request: Request) -> Response | None:
-            verdict = gate.judge(
-                request.path, request.headers.get_all("Host"), request.headers.get_all("Cookie")
+    def __init__(self, token: str, port: int, label: str) -> None:
+        unknown = set(MAY_SAY) - {message.__name__ for message in viser.infra.Message.get_subclasses()}
+        if unknown:
+            raise ViewError(
+                f"the live view stays shut: viser {viser.__version__} has no {', '.join(unknown)}"
             )
-            if verdict.status != HTTPStatus.OK or not callable(inner):
-                return _answer(verdict)
-            response: Response | None = inner(connection, request)
-            if response is not None:
-                response.headers.update(verdict.headers)
-            return response
+        self._closing = contextlib.ExitStack()
+        try:
+            listener = self._closing.enter_context(_listener(port))
+            self.port = listener.getsockname()[1]
+            self._gate = Gate(token, self.port)
+            self.link = self._gate.link
+            folder = self._closing.enter_context(tempfile.TemporaryDirectory(prefix="tel_view_"))  # mode 0700
+            self._file = Path(folder) / "viser"
+            # viser prints an address that nobody is to use.
+            with _servers_listen_at(self._file), contextlib.redirect_stdout(io.StringIO()):
+                self.viser = viser.ViserServer(host=HOST, port=self.port, label=label, verbose=False)
+            self._closing.callback(self.viser.stop)
+            if not self._file.is_socket():
+                raise ViewError("the live view stays shut: viser did not open its socket as expected")
+            self._open(listener)
+        except BaseException:
+            self._closing.close()
+            raise
 
-        options["origins"] = list(gate.origins)
-        return serve(handler, sock=listener, process_request=process_request, **options)
+    def stop(self) -> None:
+        """Close the page."""
+        self._closing.close()
 
-    websockets.asyncio.server.serve = serve_behind_gate  # type: ignore[assignment, misc]
-    try:
-        server = OwnersServer(host=HOST, port=listener.getsockname()[1], label=label, verbose=False)
-    finally:
-        websockets.asyncio.server.serve = serve  # type: ignore[misc]
-    complaint = "" if locks == [True] else "viser did not open its socket as expected"
-    complaint = complaint or _complaint(listener.getsockname(), gate.link)
-    if complaint:
-        server.stop()
-        listener.close()
-        raise ViewError(f"the live view is not safe to open and stays shut: {complaint}")
-    return server, gate.link
+    def _open(self, listener: socket.socket) -> None:
+        """Let requests in, on a thread of its own."""
+        loop, ready = asyncio.new_event_loop(), threading.Event()
+
+        async def run() -> None:
+            stop = asyncio.Event()
+            self._closing.callback(loop.call_soon_threadsafe, stop.set)
+            async with serve(
+                self._relay,
+                sock=listener,
+                process_request=self._answer,
+                origins=[*self._gate.origins],
+                select_subprotocol=_viewer,
+                compression=None,
+                max_size=_LONGEST_MESSAGE,
+            ):
+                ready.set()
+                await stop.wait()
+
+        thread = threading.Thread(target=lambda: loop.run_until_complete(run()), daemon=True)
+        self._closing.callback(thread.join, _TIMEOUT_S)
+        thread.start()
+        if not ready.wait(_TIMEOUT_S):
+            raise ViewError("the live view does not come up")
+
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request for a file; None lets a socket be opened, if its origin is one of ours."""
+        cookies, hosts = request.headers.get_all("Cookie"), request.headers.get_all("Host")
+        verdict = self._gate.judge(request.path, hosts, cookies)
+        if verdict.status != HTTPStatus.OK:
+            return _refusal(verdict)
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return None
+        response = await asyncio.to_thread(_fetch, self._file, request)
+        response.headers.update(verdict.headers)
+        return response
+
+    async def _relay(self, browser: ServerConnection) -> None:
+        """Pass on what viser sends, and what the browser may say."""
+        chosen = [browser.subprotocol] if browser.subprotocol else None
+        async with unix_connect(
+            str(self._file), "ws://localhost/", subprotocols=chosen, compression=None, max_size=None
+        ) as inside:
+
+            async def inwards() -> None:
+                async for message in browser:
+                    if (said := harmless(message)) is not None:
+                        await inside.send(said)
+
+            async def outwards() -> None:
+                async for message in inside:
+                    await browser.send(message)
+
+            tasks = [asyncio.create_task(inwards()), asyncio.create_task(outwards())]
+            try:
+                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in tasks:
+                    task.cancel()
+                    with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                        await task
 
 
-def _require_known_viser() -> None:
-    if viser.__version__ != VISER_VERSION:
-        raise ViewError(
-            f"the live view needs viser {VISER_VERSION}, for which its locks were made; "
-            f"found {viser.__version__} (pip install 'tel_ros[view]')"
-        )
-    handle = getattr(viser.infra.WebsockMessageHandler, "_handle_incoming_message", None)
-    found = {
-        "WebsockMessageHandler._handle_incoming_message": inspect.iscoroutinefunction(handle)
-        and list(inspect.signature(handle).parameters) == ["self", "client_id", "message"],
-        "ViserServer.request_share_url": hasattr(viser.ViserServer, "request_share_url"),
-        **{f"_messages.{name}": hasattr(viser._messages, name) for name in _KNOWN},
-        "websockets.asyncio.server.serve": hasattr(websockets.asyncio.server, "serve"),
-    }
-    missing = [name for name, there in found.items() if not there]
-    if missing:
-        raise ViewError(f"the live view stays shut: viser has no {', '.join(missing)} as expected")
+@contextlib.contextmanager
+def _servers_listen_at(file: Path) -> Iterator[None]:
+    """Have servers on event loops that are made meanwhile listen at a socket file instead of host and port.
 
-
-_KNOWN = ("ViewerCameraMessage", "GuiUpdateMessage")
-"""All that a client has to say here: where it looks from, and what was pressed."""
-
-
-def is_harmless(message: object) -> bool:
-    """Return whether a client may say this: where its camera is, or the value of an input (a click is one).
-
-    Everything else is dropped: new handlers for somebody's buttons, uploads, tunnels, dragged parts.
+    viser makes a loop of its own and opens its server there; host and port are all that it takes.
     """
-    if type(message) is viser._messages.GuiUpdateMessage:
-        return isinstance(message.updates, dict) and set(message.updates) == {"value"}
-    return type(message) is viser._messages.ViewerCameraMessage
 
+    class Loop(asyncio.SelectorEventLoop):
+        async def create_server(self, factory: Any, *place: Any, **options: Any) -> Any:
+            return await self.create_unix_server(factory, str(file), **options)
 
-def _drop_all_messages_but_known_ones() -> None:
-    """Put :func:`is_harmless` before the one place through which all messages of clients come, for good."""
-    handler = viser.infra.WebsockMessageHandler
-    handle = handler._handle_incoming_message
-    if hasattr(handle, _GUARDED):
-        return
+    class Policy(asyncio.DefaultEventLoopPolicy):
+        def new_event_loop(self) -> asyncio.AbstractEventLoop:
+            return Loop()
 
-    async def handle_if_harmless(self: Any, client_id: Any, message: Any) -> None:
-        if is_harmless(message):
-            await handle(self, client_id, message)
-
-    setattr(handle_if_harmless, _GUARDED, True)
-    handler._handle_incoming_message = handle_if_harmless
+    before = asyncio.get_event_loop_policy()
+    asyncio.set_event_loop_policy(Policy())
+    try:
+        yield
+    finally:
+        asyncio.set_event_loop_policy(before)
 
 
 def _listener(port: int) -> socket.socket:
-    """Return a socket of our own: viser would take the next port without a word."""
+    """Return a socket at exactly this port: viser by itself would take the next one without a word."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))
     except (OSError, OverflowError) as error:
         listener.close()
-        raise ViewError(f"port {port} is not to be had for the live view ({error}); try --port") from None
+        raise ViewError(f"port {port} cannot be used for the live view ({error}); try --port") from None
     return listener
 
 
-def _answer(verdict: Verdict) -> Response:
+def _viewer(connection: ServerConnection, offered: list[Subprotocol]) -> Subprotocol | None:
+    """Choose the protocol that names viser's version; viser checks it."""
+    return next((name for name in offered if name.startswith("viser-v")), None)
+
+
+def _refusal(verdict: Verdict) -> Response:
     body = verdict.text.encode()
-    status = HTTPStatus.SERVICE_UNAVAILABLE if verdict.status == HTTPStatus.OK else verdict.status
     headers = Headers([*verdict.headers, ("Content-Type", "text/plain"), ("Content-Length", str(len(body)))])
-    return Response(status.value, status.phrase, headers, body)
+    return Response(verdict.status.value, verdict.status.phrase, headers, body)
 
 
-def _complaint(address: tuple[str, int], link: str) -> str:
-    """Try the locks; return which one does not hold."""
-    if address[0] != HOST:
-        return f"it listens at {address[0]}"
-    cookie = _get(address, link.partition("/?")[2], {}).getheader("Set-Cookie", "").partition(";")[0]
-    attempts = {
-        "a request without the token": ({}, HTTPStatus.UNAUTHORIZED),
-        "a name that was made to point here": ({"Host": "example.invalid"}, HTTPStatus.FORBIDDEN),
-        "a page of another origin": (
-            {
-                **{"Cookie": cookie, "Origin": _FOREIGN_ORIGIN, "Upgrade": "websocket"},
-                **{"Connection": "Upgrade", "Sec-WebSocket-Version": "13"},
-                "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-            },
-            HTTPStatus.FORBIDDEN,
-        ),
-    }
-    for what, (headers, expected) in attempts.items():
-        status = _get(address, "", headers).status
-        if status != expected:
-            return f"{what} was answered with {status}; expected {expected.value}"
-    return ""
-
-
-def _get(address: tuple[str, int], query: str, headers: dict[str, str]) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection(*address, timeout=_ANSWER_TIMEOUT_S)
-    try:
-        connection.request("GET", f"/?{query}", headers={"Host": f"{address[0]}:{address[1]}", **headers})
-        return connection.getresponse()
-    except (OSError, http.client.HTTPException) as error:
-        raise ViewError(f"the live view does not answer: {error}") from error
-    finally:
-        connection.close()
+def _fetch(file: Path, request: Request) -> Response:
+    """Return viser's answer to a request for a file."""
+    connection = http.client.HTTPConnection("localhost", timeout=_TIMEOUT_S)
+    connection.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    with contextlib.closing(connection):
+        connection.sock.settimeout(_TIMEOUT_S)
+        connection.sock.connect(str(file))
+        encoding = request.headers.get("Accept-Encoding", "identity")
+        connection.request("GET", request.path, headers={"Accept-Encoding": encoding})
+        answer = connection.getresponse()
+        return Response(answer.status, answer.reason, Headers(answer.getheaders()), answer.read())

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import http.client
 import socket
+import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -14,14 +16,14 @@ import pytest
 viser = pytest.importorskip("viser", reason="needs the extra view")
 
 import msgspec  # noqa: E402
+import psutil  # noqa: E402
 import websockets.asyncio.client  # noqa: E402
-import websockets.asyncio.server  # noqa: E402
 from viser import _messages as messages  # noqa: E402
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from tel_ros.app.view import server as view_server  # noqa: E402
-from tel_ros.app.view.errors import ViewError  # noqa: E402
-from tel_ros.app.view.server import OwnersServer, open_server  # noqa: E402
+from tel_ros.app.view.gate import ViewError  # noqa: E402
+from tel_ros.app.view.server import OwnersServer  # noqa: E402
 
 TOKEN = "a-secret-for-tests"
 
@@ -68,12 +70,6 @@ class Opened:
 
         asyncio.run(talk())
 
-    def settle(self) -> None:
-        """Wait until the server has worked off what it has read."""
-        for _ in range(3):
-            asyncio.run_coroutine_threadsafe(asyncio.sleep(0), self.server._event_loop).result(30.0)
-        self.server._thread_executor.submit(lambda: None).result(30.0)
-
 
 def wire(message: object) -> bytes:
     return msgspec.msgpack.encode(message.as_serializable_dict())
@@ -85,16 +81,16 @@ def press(opened: Opened) -> object:
 
 @pytest.fixture
 def opened() -> Iterator[Opened]:
-    server, link = open_server(TOKEN, 0, "test")
+    server = OwnersServer(TOKEN, 0, "test")
     clicks: list[str] = []
-    button = server.gui.add_button("stop")
+    button = server.viser.gui.add_button("stop")
 
     @button.on_click
     async def _(event: object) -> None:  # on the event loop: done when the loop has had its turn
         clicks.append("stop")
 
-    assert link == f"http://127.0.0.1:{server.get_port()}/?token={TOKEN}"
-    yield Opened(server, server.get_port(), button, clicks)
+    assert server.link == f"http://127.0.0.1:{server.port}/?token={TOKEN}"
+    yield Opened(server, server.port, button, clicks)
     server.stop()
 
 
@@ -118,10 +114,13 @@ def connect_as_viewer(opened: Opened, *said: object) -> None:
         image_height=100, image_width=100, look_at=(0.0, 0.0, 0.0), up_direction=(0.0, 0.0, 1.0),
     )  # fmt: skip
     opened.say(camera, *said, press(opened))
+    wait_until(lambda: bool(opened.clicks))
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
     end = time.monotonic() + 30.0
-    while not opened.clicks and time.monotonic() < end:
+    while not condition() and time.monotonic() < end:
         time.sleep(0.01)
-    opened.settle()
 
 
 @pytest.mark.parametrize("path", ["/", "/index.html", "/?token=", "/?token=wrong", "/?token=a&token=b"])
@@ -171,64 +170,69 @@ def test_no_client_takes_the_handlers_off_a_button(opened: Opened) -> None:
 def test_no_client_gets_a_public_tunnel(opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
     monkeypatch.setattr("viser._viser.ViserTunnel", lambda *a, **k: asked.append(a))
-    opened.say(messages.ShareUrlRequest())
-    opened.settle()
-    assert asked == []
-    assert opened.server.request_share_url() is None
+    connect_as_viewer(opened, messages.ShareUrlRequest())
+    assert opened.clicks == ["stop"]  # the press that followed
     assert asked == []
 
 
 def test_clients_may_say_nothing_but_where_they_look_and_what_they_pressed() -> None:
-    uploads = [m for m in vars(messages).values() if isinstance(m, type) and issubclass(m, messages.Message)]
-    assert len(uploads) > 50
-    allowed = {m.__name__ for m in uploads if view_server.is_harmless(_blank(m))}
+    names = {message.__name__ for message in viser.infra.Message.get_subclasses()}
+    assert len(names) > 50
+    said = {name: {"type": name, "uuid": "id", "updates": {"label": "fine"}} for name in names}
+    allowed = {name for name, message in said.items() if passes(message)}
     assert allowed == {"ViewerCameraMessage"}
-    assert view_server.is_harmless(messages.GuiUpdateMessage("id", {"value": 1}))
-    assert not view_server.is_harmless(messages.GuiUpdateMessage("id", {}))
+    assert passes({"type": "GuiUpdateMessage", "uuid": "id", "updates": {"value": 1}})
+    assert not passes({"type": "GuiUpdateMessage", "uuid": "id", "updates": {}})
+    assert not passes({"type": "GuiUpdateMessage", "uuid": "id"})
 
 
-def _blank(kind: type) -> object:
-    blank = object.__new__(kind)
-    if kind is messages.GuiUpdateMessage:
-        blank.updates = {"label": "fine"}
-    return blank
+def passes(message: object) -> bool:
+    return view_server.harmless(msgspec.msgpack.encode(message)) is not None
+
+
+@pytest.mark.parametrize("noise", [b"", b"\xc1", b"\x01", "text", msgspec.msgpack.encode(["type"])])
+def test_what_is_no_message_at_all_is_dropped(noise: str | bytes) -> None:
+    assert view_server.harmless(noise) is None
+
+
+def test_a_key_that_comes_twice_hides_nothing() -> None:
+    """What is passed on is what was looked at, whichever of the two another reader would take."""
+    twice = b"\x83" + b"".join(
+        msgspec.msgpack.encode(part)
+        for part in ("type", "GuiUpdateMessage", "updates", {"update_cb": []}, "updates", {"value": True})
+    )
+    passed = view_server.harmless(twice)
+    assert msgspec.msgpack.decode(passed) == {"type": "GuiUpdateMessage", "updates": {"value": True}}
+
+
+def test_viser_itself_can_be_reached_by_its_owners_processes_alone(opened: Opened) -> None:
+    folder = opened.server._file.parent
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert stat.S_ISSOCK(opened.server._file.stat().st_mode)
+    listening = [c for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    assert [c.laddr for c in listening if c.laddr.port == opened.port] == [("127.0.0.1", opened.port)]
+
+
+def test_nothing_is_left_when_it_has_stopped() -> None:
+    server = OwnersServer(TOKEN, 0, "test")
+    server.stop()
+    assert not server._file.parent.exists()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", server.port), timeout=5.0)
 
 
 def test_a_port_that_is_taken_is_said_and_not_replaced_by_another(opened: Opened) -> None:
     with pytest.raises(ViewError, match=f"port {opened.port}"):
-        open_server(TOKEN, opened.port, "test")
+        OwnersServer(TOKEN, opened.port, "test")
 
 
-@pytest.mark.parametrize(
-    ("gone", "why"),
-    [
-        ("viser.infra.WebsockMessageHandler._handle_incoming_message", "_handle_incoming_message"),
-        ("viser._messages.GuiUpdateMessage", "GuiUpdateMessage"),
-        ("viser.ViserServer.request_share_url", "request_share_url"),
-        ("websockets.asyncio.server.serve", "serve"),
-    ],
-)
-def test_without_a_name_that_a_lock_needs_nothing_is_opened(
-    monkeypatch: pytest.MonkeyPatch, gone: str, why: str
-) -> None:
-    monkeypatch.delattr(gone)
-    with pytest.raises(ViewError, match=why):
-        open_server(TOKEN, 0, "test")
+def test_a_viser_that_lacks_a_message_is_not_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view_server, "MAY_SAY", ("ViewerCameraMessage", "PressMessage"))
+    with pytest.raises(ViewError, match=r"stays shut: viser .* has no PressMessage"):
+        OwnersServer(TOKEN, 0, "test")
 
 
-def test_another_version_of_viser_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(viser, "__version__", "1.1.2")
-    with pytest.raises(ViewError, match=r"needs viser 1\.1\.1.*found 1\.1\.2"):
-        open_server(TOKEN, 0, "test")
-
-
-def test_a_lock_that_does_not_hold_shuts_the_server_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    serve = websockets.asyncio.server.serve
-
-    def without_origins(*args: object, origins: object = None, **options: object) -> object:
-        return serve(*args, **options)
-
-    monkeypatch.setattr(websockets.asyncio.server, "serve", without_origins)
-    with pytest.raises(ViewError, match=r"stays shut: a page of another origin was answered with 101"):
-        open_server(TOKEN, 0, "test")
-    assert websockets.asyncio.server.serve is without_origins
+def test_a_viser_that_listens_elsewhere_is_not_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view_server, "_servers_listen_at", lambda file: contextlib.nullcontext())
+    with pytest.raises(ViewError, match="stays shut: viser did not open its socket as expected"):
+        OwnersServer(TOKEN, 0, "test")

@@ -20,7 +20,7 @@ from test_live_trial import ended, moved, sample, status, trial  # noqa: E402
 
 from tel_ros.app.view.history import History  # noqa: E402
 from tel_ros.app.view.page import Page  # noqa: E402
-from tel_ros.app.view.server import open_server  # noqa: E402
+from tel_ros.app.view.server import OwnersServer  # noqa: E402
 from tel_ros.app.view.viewpoint import viewpoint  # noqa: E402
 from tel_ros.core.config import ArmConfig  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
@@ -73,9 +73,9 @@ def one_joint(arm: ArmConfig) -> ArmConfig:
 @pytest.fixture
 def shown(pressed: Pressed) -> Iterator[tuple[Page, str]]:
     arm = one_joint(load_config("config/paper.yaml").arm)
-    server, link = open_server("a-secret-for-tests", 0, "test")
+    server = OwnersServer("a-secret-for-tests", 0, "test")
     path_m = np.array([[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.5, -0.1, 0.0]])
-    yield Page(server, arm, viewpoint(path_m), pressed), link
+    yield Page(server.viser, arm, viewpoint(path_m), pressed), server.link
     server.stop()
 
 
