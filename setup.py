@@ -103,8 +103,8 @@ setup(
         "rigid-body": ["pin"],
         # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.
         "sweep": ["pyarrow", "ray"],
-        # What benchmarks/learners.py compares with.
-        "benchmark": ["scikit-learn"],
+        # What tel study learners_benchmark compares with.
+        "lab": ["scikit-learn"],
         # colcon test looks for pytest under this name. The others read our bags without any of our code.
         "test": [
             "import-linter",

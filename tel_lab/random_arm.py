@@ -88,19 +88,5 @@ def vary(sim: SimConfig, seed: int, variation: ArmVariation = NEAR, *, n_joints:
     )
 
 
-def random_sim(sim: SimConfig, seed: int, *, n_joints: int = 2) -> SimConfig:
-    """Return a random arm that has little more than its joints in common with the configured one.
-
-    Args:
-        sim: as for :func:`vary`.
-        seed: at least 0.
-        n_joints: as for :func:`vary`.
-
-    Raises:
-        ConfigError: the seed is negative.
-    """
-    return vary(sim, seed, FAR, n_joints=n_joints)
-
-
 _STREAM = 0x61726D
 """Makes the draws for a seed independent of what other modules draw for the same seed."""

@@ -97,60 +97,77 @@ class StudyOptions:
                 while waiting and waiting[0] in done:
                     yield waiting[0], done[waiting.pop(0)]
 
-    def results(self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]) -> dict[K, R]:
-        """Return the results of all tasks.
+    def results(self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]) -> Iterator[R]:
+        """Yield the results of all tasks in their order.
 
         Raises:
             TelError: a task failed; it is named.
         """
-        found: dict[K, R] = {}
         for key, result in self.run(function, tasks):
             if isinstance(result, Failure):
                 raise TelError(f"{key}: {result.message}")
-            found[key] = result
-        return found
+            yield result
 
-    def write(self, page: str, text: str, figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
+    def write(
+        self,
+        page: str,
+        text: str,
+        figures: Mapping[str, Callable[[], Figure]] | None = None,
+        formats: Sequence[str] = ("svg", "png"),
+    ) -> None:
         """Write a page, and its figures into ``figures/`` beside it; nothing without ``--out``.
 
         Args:
             page: name of the file.
             text: Markdown.
-            figures: name of each file, with its ending, and what draws it.
+            figures: name of each, without its ending, and what draws it.
+            formats: of their files.
         """
         if self.out is None:
             return
         for name, draw in (figures or {}).items():
-            write_figure(draw, self.out / "figures" / name)
+            write_figure(draw, self.out / "figures" / name, formats)
         self.out.mkdir(parents=True, exist_ok=True)
         write_atomically(self.out / page, text.rstrip("\n") + "\n")
         print(f"written to {self.out / page}", file=sys.stderr)
 
 
-def write_figure(draw: Callable[[], Figure], *files: Path) -> None:
-    """Draw a figure in the common style and write it into files, by their endings."""
+def write_figure(
+    draw: Callable[[], Figure], path: Path, formats: Sequence[str] = ("svg", "png")
+) -> list[Path]:
+    """Draw a figure in the common style and write it in some formats; return the files.
+
+    Args:
+        draw: makes it.
+        path: of the files, without their endings.
+        formats: svg, png or pdf.
+    """
     from tel_ros.app.plotting import figure_style, save_figure  # late: plotting takes a second to import
 
-    with figure_style(files[0].stem):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files = [path.with_suffix(f".{kind}") for kind in formats]
+    with figure_style(path.name):
         figure = draw()
         for file in files:
-            file.parent.mkdir(parents=True, exist_ok=True)
             save_figure(figure, file)
+    return files
 
 
-def study(*, seeds: int = 0) -> Callable[[Callable[..., None]], click.Command]:
+def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]], click.Command]:
     """Return a decorator that makes a command with the options of studies; further click options may follow.
 
     Args:
         seeds: the usual number; 0: the study has none.
+        sets: whether keys of the configuration can be changed.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
         @functools.wraps(function)
         def command(*, out: Path | None, quick: bool, **values: Any) -> None:
-            named = {name: values.pop(name) for name in ("jobs", "only", "overrides")}
+            named = {
+                name: values.pop(name) for name in ("jobs", "only", "seeds", "overrides") if name in values
+            }
             options = StudyOptions(
-                seeds=values.pop("seeds", 0),
                 quick=quick,
                 out=out or (None if quick or named["only"] or not DOCS.is_dir() else DOCS),
                 command=_asked(),
@@ -168,13 +185,16 @@ def study(*, seeds: int = 0) -> Callable[[Callable[..., None]], click.Command]:
             click.option("--jobs", default=1, show_default=True, help="Tasks at a time."),
             click.option("--quick", is_flag=True, help="Compute less, to see that it works; print only."),
             click.option("--only", metavar="NAME", multiple=True, help="Only this seed or case; print only."),
-            click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key."),
             click.option(
                 "--out",
                 type=click.Path(path_type=Path, file_okay=False),
                 help="Folder of the page and figures. Default: docs, or none with --quick and --only.",
             ),
         ]
+        if sets:
+            decorators.append(
+                click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key.")
+            )
         if seeds:
             decorators.append(
                 click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")

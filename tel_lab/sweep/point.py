@@ -7,14 +7,10 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
-from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
@@ -153,14 +149,11 @@ def _warnings(done: Sequence[PractisedTrial], tolerance_rad: float) -> dict[str,
 def _goal_effort_ratio(config: Config) -> float:
     """Return the largest effort of the goal movement of the simulated arm as a share of the limits."""
     from tel_lab.exact_model import ExactInverseDynamics
+    from tel_lab.trial_record import effort_share
 
-    arm = config.arm
-    desired = sample(load_path(config.path, arm), config.practice.goal_duration_s, _EFFORT_RATE_HZ)
-    y = stack_inputs(desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2)
-    offset_rad = ExactInverseDynamics(config, config.sim).predict(y)
-    effort_nm = np.array(arm.stiffness_nm_per_rad) * offset_rad
-    effort_nm -= np.array(arm.damping_nms_per_rad) * desired.velocity_rad_s
-    return float(np.max(np.abs(effort_nm) / np.array(arm.effort_limit_nm)))
+    path = load_path(config.path, config.arm)
+    exact = ExactInverseDynamics(config, config.sim)
+    return effort_share(config.arm, exact, path, config.practice.goal_duration_s, _EFFORT_RATE_HZ)
 
 
 def _number(value: float) -> float | None:

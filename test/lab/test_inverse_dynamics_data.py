@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from itertools import product
 from pathlib import Path
 
@@ -12,10 +11,8 @@ import pytest
 pinocchio = pytest.importorskip("pinocchio")
 pybullet = pytest.importorskip("pybullet")
 
-# The benchmarks are scripts, not a package.
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-import inverse_dynamics_data as data  # noqa: E402
+from tel_lab.inverse_dynamics import arm_models  # noqa: E402
+from tel_lab.inverse_dynamics import data_sets as data  # noqa: E402
 
 PLANAR_URDF = data.ROOT / "sim_bridge" / "urdf" / "planar_arm.urdf"
 NAMES = ("planar practice", "letters", "seven joints")
@@ -87,7 +84,7 @@ def test_exact_movements_go_from_rest_to_rest(sets: dict[str, data.DataSet], nam
 
 
 def test_letters_are_written_at_the_size_and_the_pace_of_a_hand(sets: dict[str, data.DataSet]) -> None:
-    l1, l2 = data.WRITING_ARM.length_m
+    l1, l2 = arm_models.WRITING_ARM.length_m
     for trial in sets["letters"].training + sets["letters"].held_out:
         q1, q2, v1, v2, *_ = trial.inputs.T
         elbow = l1 * np.exp(1j * q1)
@@ -99,7 +96,7 @@ def test_letters_are_written_at_the_size_and_the_pace_of_a_hand(sets: dict[str, 
 
 
 def test_torque_of_the_letters_is_that_of_the_described_arm(sets: dict[str, data.DataSet]) -> None:
-    arm = data.WRITING_ARM
+    arm = arm_models.WRITING_ARM
     inputs, torque_nm = data.stacked(sets["letters"].training + sets["letters"].held_out)
     expected_nm = model_torque_nm(arm.urdf(), inputs, arm.viscous_nms_per_rad)
     assert torque_nm == pytest.approx(expected_nm, abs=1e-9)
@@ -120,7 +117,7 @@ def test_recorded_torque_is_that_of_the_simulated_arm(sets: dict[str, data.DataS
 
 def test_default_arm_has_the_numbers_of_its_urdf() -> None:
     inputs = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
-    arm = data.DEFAULT_ARM
+    arm = arm_models.DEFAULT_ARM
     expected_nm = model_torque_nm(PLANAR_URDF.read_text(encoding="utf-8"), inputs, arm.viscous_nms_per_rad)
     assert arm.torque_nm(inputs) == pytest.approx(expected_nm, abs=1e-9)
 
@@ -131,7 +128,7 @@ def test_torque_of_seven_joints_is_that_of_another_dynamics_library(
     inputs, torque_nm = data.stacked(sets["seven joints"].held_out)
     # Without shapes, and so without the meshes that they refer to.
     path = tmp_path / "arm.urdf"
-    path.write_text(data.without_shapes(data.iiwa_urdf()), encoding="utf-8")
+    path.write_text(arm_models.without_shapes(arm_models.iiwa_urdf()), encoding="utf-8")
     client = pybullet.connect(pybullet.DIRECT)
     try:
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
@@ -163,8 +160,8 @@ def test_urdf_has_the_right_kinematics_and_wrong_inertias(sets: dict[str, data.D
     each = sets[name]
     right_urdf = {
         "planar practice": PLANAR_URDF.read_text(encoding="utf-8"),
-        "letters": data.WRITING_ARM.urdf(),
-        "seven joints": data.iiwa_urdf(),
+        "letters": arm_models.WRITING_ARM.urdf(),
+        "seven joints": arm_models.iiwa_urdf(),
     }[name]
     right, wrong = (pinocchio.buildModelFromXML(text) for text in (right_urdf, each.urdf))
     assert list(wrong.names)[1:] == list(each.joints)

@@ -35,7 +35,7 @@ def test_results_come_in_the_order_of_the_tasks_and_expected_errors_are_results(
 @pytest.mark.timeout(120)
 def test_a_task_that_breaks_is_named() -> None:
     with pytest.raises(TelError, match="by 0: ZeroDivisionError"):
-        StudyOptions().results(divided, {"by 0": (0,)})
+        list(StudyOptions().results(divided, {"by 0": (0,)}))
 
 
 def test_a_page_says_the_command_that_makes_it_without_where_and_how_fast(tmp_path: Path) -> None:

@@ -1,22 +1,19 @@
-"""Practice of every ready arm, from slow to its goal speed: what comes out, judged by its numbers.
-
-    .venv/bin/python benchmarks/arms.py
-
-Prints and writes docs/arms.md. Takes some minutes.
-"""
+"""Practice of every ready arm, from slow to its goal speed: what comes out, judged by its numbers."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
+import click
 import numpy as np
-from practice_records import duration_at_effort_share, fastest_by_speed_s
 
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflinePractice, PractisedTrial
+from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.tables import Column, Table
+from tel_lab.trial_record import duration_at_effort_share, fastest_by_speed_s
 from tel_ros.core.config import Config
 from tel_ros.core.practice.decisions import Ending
 from tel_ros.core.trial import Outcome
@@ -24,7 +21,7 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
-ROOT = Path(__file__).parents[1]
+CONFIGS = ROOT / "config"
 N_STEPS = 15
 MODEL_FREE_REPEATS, RIGID_BODY_REPEATS = 3, 2
 
@@ -92,35 +89,40 @@ def schedule(config: Config, repeats: int) -> str:
     return f"practice.durations_s={[*durations_s.tolist(), *[goal_s] * repeats]}"
 
 
-def on_schedule(file: Path, repeats: int, *overrides: str) -> Practised:
+def on_schedule(file: str, repeats: int, *overrides: str) -> Practised:
     """Practise on the schedule."""
-    config = load_config(file, overrides)
+    config = load_config(CONFIGS / file, overrides)
     overrides = ("practice.strategy=trajectory_extension", *overrides, schedule(config, repeats))
-    config = load_config(file, overrides)
+    config = load_config(CONFIGS / file, overrides)
     return Practised(config, practise(config)[0], repeats)
 
 
-def unlearned(file: Path) -> PractisedTrial:
+def unlearned(file: str) -> PractisedTrial:
     """Return one trial at the goal speed with nothing learned, to its end: without speed limits."""
     overrides = ["practice.strategy=direct", "practice.trials=1"]
-    no_limits = [1e6] * len(load_config(file).arm.joints)
-    return practise(load_config(file, [*overrides, f"arm.velocity_limit_rad_s={no_limits}"]))[0][0]
+    no_limits = [1e6] * len(load_config(CONFIGS / file).arm.joints)
+    return practise(load_config(CONFIGS / file, [*overrides, f"arm.velocity_limit_rad_s={no_limits}"]))[0][0]
+
+
+def errors(trial: PractisedTrial) -> str:
+    """Return the RMS error over all joints, and in brackets that of the worst one."""
+    return f"{rms_mrad(trial):.2f} ({worst_joint_mrad(trial):.2f})"
 
 
 def table(runs: dict[str, Practised]) -> str:
     """Return the trials of some runs beside each other."""
-    head = "".join(f" {name} |" for name in runs)
-    lines = [f"| trial | duration [s] |{head}", "|---:|---:|" + "---:|" * len(runs)]
-    for k in range(max(len(run.trials) for run in runs.values())):
-        cells = "".join(
-            f" {rms_mrad(run.trials[k]):.2f} ({worst_joint_mrad(run.trials[k]):.2f}) |"
-            if k < len(run.trials)
-            else " |"
-            for run in runs.values()
-        )
-        longest = max(runs.values(), key=lambda run: len(run.trials))
-        lines.append(f"| {k + 1} | {longest.trials[k].trial.report.duration_s:.3f} |{cells}")
-    return "\n".join(lines)
+    longest = max((run.trials for run in runs.values()), key=len)
+
+    def of(run: Practised) -> Column[int]:
+        name = next(name for name, other in runs.items() if other is run)
+        return Column(name, lambda k: errors(run.trials[k]) if k < len(run.trials) else "")
+
+    columns: list[Column[int]] = [
+        Column("trial", lambda k: k + 1),
+        Column("duration [s]", lambda k: longest[k].trial.report.duration_s, ".3f"),
+        *map(of, runs.values()),
+    ]
+    return Table(columns, range(len(longest))).markdown()
 
 
 def verdict(met: bool, wanted: str, found: str) -> str:
@@ -169,7 +171,7 @@ def friction_verdict(run: Practised) -> str:
     )
 
 
-def seven_joints(file: Path) -> tuple[str, list[str]]:
+def seven_joints(file: str) -> tuple[str, list[str]]:
     """Return table and verdicts of an arm under gravity."""
     start = unlearned(file)
     free = on_schedule(file, MODEL_FREE_REPEATS)
@@ -194,27 +196,30 @@ def seven_joints(file: Path) -> tuple[str, list[str]]:
     return f"{head}\n\n{table(runs)}", verdicts
 
 
-def planar(file: Path) -> tuple[str, list[str]]:
+def planar(file: str) -> tuple[str, list[str]]:
     """Return table and verdicts of the redundant planar arm, as configured."""
-    config = load_config(file)
+    config = load_config(CONFIGS / file)
     trials, ending = practise(config)
     start = unlearned(file)
-    rows = "\n".join(
-        f"| {k} | {t.trial.report.duration_s:.3f} | {rms_mrad(t):.2f} ({worst_joint_mrad(t):.2f}) "
-        f"| {t.plan.reason} |"
-        for k, t in enumerate(trials, start=1)
-    )
-    text = f"Unlearned at the goal speed: {rms_mrad(start):.2f} mrad RMS. {ending.message}.\n\n"
-    text += f"| trial | duration [s] | adaptive, model-free | why |\n|---:|---:|---:|---|\n{rows}"
+    columns: list[Column[tuple[int, PractisedTrial]]] = [
+        Column("trial", lambda row: row[0]),
+        Column("duration [s]", lambda row: row[1].trial.report.duration_s, ".3f"),
+        Column("adaptive, model-free", lambda row: errors(row[1])),
+        Column("why", lambda row: row[1].plan.reason, left=True),
+    ]
+    rows = Table(columns, list(enumerate(trials, start=1))).markdown()
+    text = f"Unlearned at the goal speed: {rms_mrad(start):.2f} mrad RMS. {ending.message}.\n\n{rows}"
     met = ending.outcome == "completed" and rms_mrad(trials[-1]) <= 5.0 and len(trials) <= 7
     found = f"{ending.outcome}, {rms_mrad(trials[-1]):.2f} mrad after {len(trials)} trials"
     return text, [verdict(met, "as the two-joint arm: 4.5 s within 7 trials at 5 mrad or less", found)]
 
 
-def beyond_the_wrist(file: Path, goal_s: float) -> tuple[str, list[str]]:
+def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
     """Return text and verdicts of a goal that the effort limits do not allow."""
     overrides = ["practice.strategy=adaptive_extension", f"practice.goal_duration_s={goal_s}"]
-    config = load_config(file, [*overrides, "learning.name=rigid_body", "practice.tolerance_rad=0.001"])
+    config = load_config(
+        CONFIGS / file, [*overrides, "learning.name=rigid_body", "practice.tolerance_rad=0.001"]
+    )
     arm, path = config.arm, load_path(config.path, config.arm)
     exact = ExactInverseDynamics(config, config.sim)
     fastest_s = duration_at_effort_share(arm, exact, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
@@ -230,30 +235,40 @@ def beyond_the_wrist(file: Path, goal_s: float) -> tuple[str, list[str]]:
     return f"Adaptive, rigid body, goal {goal_s} s.", [verdict(met, wanted, found)]
 
 
-def main() -> None:
-    """Practise all arms, print what came out and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "arms.md")
-    options = parser.parse_args()
-    config = ROOT / "config"
-    panda = config / "franka_panda.yaml"
+ARMS: dict[str, Callable[[], tuple[str, list[str]]]] = {
+    "config/planar_arm_3.yaml: three joints in a plane": partial(planar, "planar_arm_3.yaml"),
+    "config/kuka_iiwa.yaml: seven joints, 6 s to 1.5 s": partial(seven_joints, "kuka_iiwa.yaml"),
+    "config/franka_panda.yaml: a goal beyond the wrist's 12 N·m": partial(
+        beyond_the_wrist, "franka_panda.yaml", 4.1
+    ),
+    "config/franka_panda.yaml: seven joints, 12 s to 4.5 s": partial(seven_joints, "franka_panda.yaml"),
+}
+"""Heading, and what practises: it returns text and verdicts."""
+
+
+def chapter(name: str) -> tuple[str, list[str]]:
+    """Return text and verdicts about an arm."""
+    return ARMS[name]()
+
+
+@study(sets=False)
+def arms(options: StudyOptions) -> None:
+    """Practise with every ready arm, and judge what comes out; takes some minutes.
+
+    --only takes the headings of the page.
+    """
+    names = options.selected(list(ARMS))[: 1 if options.quick else None]
     sections, judged = [], []
-    for name, make in (
-        ("config/planar_arm_3.yaml: three joints in a plane", lambda: planar(config / "planar_arm_3.yaml")),
-        (
-            "config/kuka_iiwa.yaml: seven joints, 6 s to 1.5 s",
-            lambda: seven_joints(config / "kuka_iiwa.yaml"),
-        ),
-        ("config/franka_panda.yaml: a goal beyond the wrist's 12 N·m", lambda: beyond_the_wrist(panda, 4.1)),
-        ("config/franka_panda.yaml: seven joints, 12 s to 4.5 s", lambda: seven_joints(panda)),
-    ):
-        text, verdicts = make()
+    found = options.results(chapter, {name: (name,) for name in names})
+    for name, (text, verdicts) in zip(names, found, strict=True):
         judged += verdicts
         sections.append(f"## {name}\n\n{text}\n\n" + "\n".join(verdicts) + "\n")
-        print(sections[-1], flush=True)
+        click.echo(sections[-1])
     met = sum(line.startswith("- **met") for line in judged)
     body = "\n".join(sections)
-    page = f"""# Ready arms
+    options.write(
+        "arms.md",
+        f"""# Ready arms
 
 | configuration | arm | gravity |
 |---|---|---|
@@ -271,15 +286,11 @@ RMS error in mrad over all joints, in brackets that of the worst joint. Encoders
 schedule of {N_STEPS} trials even in torque (1/T²) and repeats of the last; the dry friction is 1 % of each
 joint's effort limit. The iiwa's file allows 300 N·m at the wrist as well; 1 % of that is 0.15 to 0.3 rad of
 the wrist's springs, and in the first trial, without a model, the wrist sticks most of the time. Made without
-ROS, tick for tick like the graph, by `benchmarks/arms.py`.
+ROS, tick for tick like the graph, by `{options.command}`.
 
 After an abort the springs brake the arm and go on carrying its weight: [safety.md](safety.md).
 
 **{met} of {len(judged)} targets are met.**
 
-{body}"""
-    options.out.write_text(page, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+{body}""",
+    )

@@ -1,33 +1,29 @@
-"""What benchmarks say about a trial: how far the arm came off its path, and what a movement needs."""
+"""What studies say about a trial: how far the arm came off its path, and what a movement needs."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflineArm, OfflineTrial
+from tel_lab.trial_record import duration_at_effort_share, effort_share, excursion_rad
+from tel_ros.core.trajectories.paths import NAMED_PATHS
+from tel_ros.core.trajectories.trajectory import sample
+from tel_ros.core.trial import Outcome, Phase, TrialGoal
+from tel_ros.recording.config_file import load_config
+
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts beside each other, not a package
-
-from practice_records import duration_at_effort_share, effort_share, excursion_rad  # noqa: E402
-
-from tel_lab.exact_model import ExactInverseDynamics  # noqa: E402
-from tel_lab.offline import OfflineArm, OfflineTrial  # noqa: E402
-from tel_ros.core.trajectories.paths import NAMED_PATHS  # noqa: E402
-from tel_ros.core.trajectories.trajectory import sample  # noqa: E402
-from tel_ros.core.trial import Outcome, Phase, TrialGoal  # noqa: E402
-from tel_ros.recording.config_file import load_config  # noqa: E402
-
 CONFIG = load_config(ROOT / "config" / "planar_arm.yaml", ["control.path_tolerance_rad=0.15"])
 PATH = NAMED_PATHS["planar_loops"]
 
 
 @pytest.fixture(scope="module")
 def aborted() -> OfflineTrial:
-    """A trial without learning that leaves its narrow corridor."""
+    """A trial without learning that leaves its narrow path tolerance."""
     desired = sample(PATH, 4.5, CONFIG.control.rate_hz)
     with OfflineArm(CONFIG) as arm:
         return arm.run_trial(TrialGoal(1, 1.0, desired, desired.position_rad))

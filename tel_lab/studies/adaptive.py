@@ -1,31 +1,27 @@
-"""Adaptive trajectory extension on easy, hard, impossible and changing arms: does it keep what it promises?
-
-    .venv/bin/python benchmarks/adaptive.py
-
-Prints and writes docs/adaptive.md: every trial of every run, and targets that are judged by its numbers.
-"""
+"""Adaptive trajectory extension on easy, hard, impossible and changing arms: what it promises, judged."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
-from practice_records import TrialRecord, duration_at_effort_share, fastest_by_speed_s, record
+import click
 
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflinePractice
+from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.tables import Column, Table
+from tel_lab.trial_record import TrialRecord, duration_at_effort_share, fastest_by_speed_s, record
 from tel_ros.core.config import Config
 from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
-ROOT = Path(__file__).parents[1]
+CONFIG = ROOT / "config" / "planar_arm.yaml"
 
 
 @dataclass(frozen=True)
@@ -66,15 +62,13 @@ class Scenario:
     """An arm to practise with, and what is expected of the practice.
 
     Args:
-        name: heading.
         targets: what is wanted, and how it is judged.
         overrides: what is changed in the configuration.
         later: what is changed in ``sim`` between two trials.
         later_from: index of the first trial with that change.
     """
 
-    name: str
-    targets: dict[str, Target]
+    targets: Mapping[str, Target]
     overrides: tuple[str, ...] = ()
     later: dict[str, float] = dataclasses.field(default_factory=dict)
     later_from: int = 0
@@ -82,10 +76,8 @@ class Scenario:
 
 def reached(run: Run, *, trials: int | None = None, rms_mrad: float = 5.0) -> tuple[str, bool]:
     """Judge whether the goal speed was reached with that error within so many trials."""
-    last, at_goal = (
-        run.last,
-        math.isclose(run.last.duration_s, run.config.practice.goal_duration_s, rel_tol=1e-3),
-    )
+    last = run.last
+    at_goal = math.isclose(last.duration_s, run.config.practice.goal_duration_s, rel_tol=1e-3)
     found = f"{last.duration_s:.2f} s with {1e3 * last.rms_rad:.2f} mrad after {len(run.trials)} trials"
     in_time = trials is None or len(run.trials) <= trials
     return found, last.completed and at_goal and in_time and 1e3 * last.rms_rad <= rms_mrad
@@ -125,8 +117,8 @@ def rolled_back(run: Run) -> tuple[str, bool]:
     return f"aborted: {[k + 1 for k in aborts]}; went back to: {back}", bool(aborts) and None not in back
 
 
-def not_beyond_the_corridor_twice(run: Run) -> tuple[str, bool]:
-    """Judge whether no two trials in a row left the corridor; the arm must have changed for this to count."""
+def not_beyond_the_path_tolerance_twice(run: Run) -> tuple[str, bool]:
+    """Judge whether no two trials in a row were beyond it; for this to count the arm must have changed."""
     path_tolerance_rad = run.config.control.path_tolerance_rad
     beyond = [
         k
@@ -153,32 +145,28 @@ def recovered(run: Run) -> tuple[str, bool]:
 
 WITHIN_TOLERANCE = {"4.5 s at 5 mrad or less, without retuning": reached}
 AFTER_A_CHANGE = {
-    "no trial beyond the corridor twice in a row": not_beyond_the_corridor_twice,
+    "no trial beyond the path tolerance twice in a row": not_beyond_the_path_tolerance_twice,
     "recovery: the goal, or within 5 % of the fastest feasible speed, at 5 mrad or less": recovered,
 }
-SCENARIOS = (
-    Scenario(
-        "Default arm, to 4.5 s",
+SCENARIOS = {
+    "Default arm, to 4.5 s": Scenario(
         {
             "4.5 s within 7 trials at 5 mrad or less": partial(reached, trials=7),
             "no deviation above 0.21 rad": partial(no_deviation_above, limit_rad=0.21),
         },
     ),
-    Scenario(
-        "Default arm, to 3.0 s",
+    "Default arm, to 3.0 s": Scenario(
         {"3.0 s within 12 trials at 5 mrad or less": partial(reached, trials=12)},
         ("practice.goal_duration_s=3.0",),
     ),
-    Scenario(
-        "Default arm, to 4.5 s, rigid body + least-squares tree",
+    "Default arm, to 4.5 s, rigid body + least-squares tree": Scenario(
         {"4.5 s within 4 trials at 2 mrad or less": partial(reached, trials=4, rms_mrad=2.0)},
         ("learning.name=rigid_body+lms_tree",),
     ),
-    Scenario("Half the inertia", WITHIN_TOLERANCE, ("sim.inertia_scale=0.5",)),
-    Scenario("1.5 times the inertia", WITHIN_TOLERANCE, ("sim.inertia_scale=1.5",)),
-    Scenario("Twice the inertia", WITHIN_TOLERANCE, ("sim.inertia_scale=2.0",)),
-    Scenario(
-        "Three times the inertia: 4.5 s is beyond the effort limit",
+    "Half the inertia": Scenario(WITHIN_TOLERANCE, ("sim.inertia_scale=0.5",)),
+    "1.5 times the inertia": Scenario(WITHIN_TOLERANCE, ("sim.inertia_scale=1.5",)),
+    "Twice the inertia": Scenario(WITHIN_TOLERANCE, ("sim.inertia_scale=2.0",)),
+    "Three times the inertia: 4.5 s is beyond the effort limit": Scenario(
         {
             "stops within 5 % of the fastest feasible speed": stopped_at_the_limit,
             "says why": says_that_effort_is_short,
@@ -186,36 +174,25 @@ SCENARIOS = (
         },
         ("sim.inertia_scale=3.0",),
     ),
-    Scenario(
-        "Payload doubled from trial 4 on, 0.5 to 1.0 kg",
-        AFTER_A_CHANGE,
-        ("sim.payload_kg=0.5",),
-        {"payload_kg": 1.0},
-        4,
+    "Payload doubled from trial 4 on, 0.5 to 1.0 kg": Scenario(
+        AFTER_A_CHANGE, ("sim.payload_kg=0.5",), {"payload_kg": 1.0}, 4
     ),
-    Scenario("Inertia doubled from trial 4 on", AFTER_A_CHANGE, (), {"inertia_scale": 2.0}, 4),
-    Scenario(
-        "Inertia doubled from trial 5 on, on the way to 3.0 s: the present speed becomes impossible",
-        AFTER_A_CHANGE,
-        ("practice.goal_duration_s=3.0",),
-        {"inertia_scale": 2.0},
-        5,
+    "Inertia doubled from trial 4 on": Scenario(AFTER_A_CHANGE, (), {"inertia_scale": 2.0}, 4),
+    "Inertia doubled from trial 5 on, on the way to 3.0 s: the present speed becomes impossible": Scenario(
+        AFTER_A_CHANGE, ("practice.goal_duration_s=3.0",), {"inertia_scale": 2.0}, 5
     ),
-    Scenario(
-        "Inertia four times as large from trial 4 on: enough for an abort",
-        {"goes back after the abort": rolled_back, **AFTER_A_CHANGE},
-        (),
-        {"inertia_scale": 4.0},
-        4,
+    "Inertia four times as large from trial 4 on: enough for an abort": Scenario(
+        {"goes back after the abort": rolled_back, **AFTER_A_CHANGE}, (), {"inertia_scale": 4.0}, 4
     ),
-)
+}
 
 
-def practise(file: Path, scenario: Scenario, overrides: Sequence[str]) -> Run:
+def practise(name: str, overrides: Sequence[str]) -> Run:
     """Run a scenario."""
-    config = load_config(file, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
+    scenario = SCENARIOS[name]
+    config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
     path, arm = load_path(config.path, config.arm), config.arm
-    later = dataclasses.replace(config.sim, **scenario.later)
+    later = dataclasses.replace(config.sim, **scenario.later)  # type: ignore[arg-type]
     with OfflinePractice(config, path, new_network(config)) as practice:
 
         def change_arm(plan: PlannedTrial) -> None:
@@ -230,86 +207,75 @@ def practise(file: Path, scenario: Scenario, overrides: Sequence[str]) -> Run:
         return Run(config, trials, practice.ending, scenario.later_from, fastest_s)
 
 
-COLUMNS = (
-    "trial",
-    "duration [s]",
-    "expected RMS [mrad]",
-    "RMS [mrad]",
-    "largest deviation [rad]",
-    "clipped [%]",
-    "outcome",
-    "why this trial",
-)
+COLUMNS: list[Column[tuple[int, TrialRecord]]] = [
+    Column("trial", lambda row: row[0]),
+    Column("duration [s]", lambda row: row[1].duration_s, ".3f"),
+    Column("expected RMS [mrad]", lambda row: 1e3 * row[1].expected_rms_rad, ".2f"),
+    Column("RMS [mrad]", lambda row: 1e3 * row[1].rms_rad, ".2f"),
+    Column("largest deviation [rad]", lambda row: row[1].excursion_rad, ".3f"),
+    Column("clipped [%]", lambda row: 100 * row[1].saturated, ".1f"),
+    Column("outcome", lambda row: _how(row[1]), left=True),
+    Column("why this trial", lambda row: row[1].reason + _network(row[1].went_back_to), left=True),
+]
 
 
-def section(scenario: Scenario, run: Run) -> str:
-    """Return the part of the page about a scenario."""
-    rows = []
-    for k, trial in enumerate(run.trials, start=1):
-        expected = "–" if math.isnan(trial.expected_rms_rad) else f"{1e3 * trial.expected_rms_rad:.2f}"
-        how = "completed" if trial.completed else f"aborted: {trial.message}"
-        back = "" if trial.went_back_to is None else f" (network of trial {trial.went_back_to})"
-        rows.append(
-            f"| {k} | {trial.duration_s:.3f} | {expected} | {1e3 * trial.rms_rad:.2f} | "
-            f"{trial.excursion_rad:.3f} | {100 * trial.saturated:.1f} | {how} | {trial.reason}{back} |"
-        )
-    judged = "\n".join(
+def _how(trial: TrialRecord) -> str:
+    return "completed" if trial.completed else f"aborted: {trial.message}"
+
+
+def _network(went_back_to: int | None) -> str:
+    return "" if went_back_to is None else f" (network of trial {went_back_to})"
+
+
+def section(name: str, run: Run) -> tuple[str, list[bool]]:
+    """Return the part of the page about a scenario, and which of its targets are met."""
+    scenario = SCENARIOS[name]
+    judged = {wanted: target(run) for wanted, target in scenario.targets.items()}
+    verdicts = "\n".join(
         f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
-        for wanted, (found, met) in judge(scenario, run).items()
+        for wanted, (found, met) in judged.items()
     )
     changes = " ".join(f"`{text}`" for text in scenario.overrides) or "As configured"
     if scenario.later:
-        changes += f"; from trial {scenario.later_from} on " + " ".join(
-            f"`sim.{key}={value:g}`" for key, value in scenario.later.items()
-        )
-    table = "\n".join(rows)
-    return f"""## {scenario.name}
+        values = " ".join(f"`sim.{key}={value:g}`" for key, value in scenario.later.items())
+        changes += f"; from trial {scenario.later_from} on {values}"
+    text = f"""## {name}
 
-{changes}. {run.ending.outcome.capitalize()}: {run.ending.message or "nothing to say"}.
+{changes}. {run.ending.outcome.capitalize()}: {run.ending.message or "no message"}.
 
-| {" | ".join(COLUMNS)} |
-|{"---:|" * (len(COLUMNS) - 2)}---|---|
-{table}
+{Table(COLUMNS, list(enumerate(run.trials, start=1))).markdown()}
 
-{judged}
+{verdicts}
 """
+    return text, [met for _, met in judged.values()]
 
 
-def judge(scenario: Scenario, run: Run) -> dict[str, tuple[str, bool]]:
-    """Return for each target what was found and whether it is met."""
-    return {wanted: target(run) for wanted, target in scenario.targets.items()}
+@study()
+def adaptive(options: StudyOptions) -> None:
+    """Practise adaptively on easy, hard, impossible and changing arms, and judge what is promised.
 
-
-def main() -> None:
-    """Run the scenarios, print them and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "planar_arm.yaml")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "adaptive.md")
-    options = parser.parse_args()
-    sections, targets, met = [], 0, 0
-    for scenario in SCENARIOS:
-        run = practise(options.config, scenario, options.set)
-        sections.append(section(scenario, run))
-        print(sections[-1], flush=True)
-        targets += len(scenario.targets)
-        met += sum(good for _, good in judge(scenario, run).values())
-    summary = f"{met} of {targets} targets are met."
-    print(summary)
-    command = " ".join(["benchmarks/adaptive.py", *(f"--set {text}" for text in options.set)])
-    body = "\n".join(sections)
-    options.out.write_text(
+    --only takes the headings of the page.
+    """
+    names = options.selected(list(SCENARIOS))[: 1 if options.quick else None]
+    sections, met = [], []
+    for name, run in zip(
+        names, options.results(practise, {name: (name, options.overrides) for name in names}), strict=True
+    ):
+        text, found = section(name, run)
+        click.echo(text)
+        sections.append(text)
+        met += found
+    summary = f"{sum(met)} of {len(met)} targets are met."
+    click.echo(summary)
+    options.write(
+        "adaptive.md",
         f"""# Adaptive trajectory extension: what it promises and what it does
 
-Practice of `config/{options.config.name}` with `practice.strategy=adaptive_extension`, on arms that it is not
+Practice of `config/{CONFIG.name}` with `practice.strategy=adaptive_extension`, on arms that it is not
 tuned to. Errors are measured minus desired position over both joints. The largest deviation includes the
-braking after an abort. Made without ROS, tick for tick like the graph, by `{command}`;
-the script judges the targets by its numbers. **{summary}**
+braking after an abort. Made without ROS, tick for tick like the graph, by `{options.command}`;
+the study judges the targets by its numbers. **{summary}**
 
-{body}""",
-        encoding="utf-8",
+"""
+        + "\n".join(sections),
     )
-
-
-if __name__ == "__main__":
-    main()

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from inverse_dynamics_data import ROOT
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from sim_bridge.arm import SimulatedArm
 from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.study import ROOT
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray, IntArray

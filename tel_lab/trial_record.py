@@ -1,4 +1,4 @@
-"""What benchmarks keep of practised trials, and how demanding a movement is by the exact model."""
+"""What studies keep of practised trials, and how demanding a movement is by the exact model."""
 
 from __future__ import annotations
 
@@ -78,14 +78,17 @@ def excursion_rad(trial: OfflineTrial) -> float:
     return float(max(error.max(), beyond.max(initial=0.0)))
 
 
-def effort_share(arm: ArmConfig, exact: ExactInverseDynamics, path: Path, duration_s: float) -> float:
-    """Return the largest share of an effort limit that following a path exactly needs."""
-    desired = sample(path, duration_s, _POINTS / duration_s)
+def effort_share(
+    arm: ArmConfig, exact: ExactInverseDynamics, path: Path, duration_s: float, rate_hz: float = 0.0
+) -> float:
+    """Return the largest share of an effort limit that following a path exactly needs.
+
+    It is looked at ``rate_hz`` times a second; 0: at 400 points.
+    """
+    desired = sample(path, duration_s, rate_hz or _POINTS / duration_s)
     offset_rad = exact.predict(query_inputs(desired, 0.0))
-    effort_nm = (
-        np.array(arm.stiffness_nm_per_rad) * offset_rad
-        - np.array(arm.damping_nms_per_rad) * desired.velocity_rad_s
-    )
+    effort_nm = np.array(arm.stiffness_nm_per_rad) * offset_rad
+    effort_nm -= np.array(arm.damping_nms_per_rad) * desired.velocity_rad_s
     return float(np.max(np.abs(effort_nm) / np.array(arm.effort_limit_nm)))
 
 

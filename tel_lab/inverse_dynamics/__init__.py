@@ -1,0 +1,1 @@
+"""Learning inverse dynamics from data: arms, movements, recordings, and the learners that are compared."""

@@ -1,0 +1,240 @@
+"""How well and how fast inverse dynamics are learned: this project's learners beside scikit-learn's.
+
+CPU time is measured on one core, so that the figures hardly depend on what else the machine does.
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+import time
+import timeit
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import click
+import numpy as np
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from tel_lab.inverse_dynamics.data_sets import DATA_SETS, DataSet, Trial, stacked
+from tel_lab.inverse_dynamics.models import GP, MLP, Effort, Model, all_models, evenly
+from tel_lab.study import StudyOptions, study
+from tel_lab.tables import Column, Table
+from tel_ros.core.errors import TelError
+from tel_ros.core.types import FloatArray
+
+BATCH = 2250
+"""Samples of a movement of 4.5 s at 500 Hz: what a trial asks a learner for."""
+PARTS = (0.25, 0.5, 1.0)
+TIMED_S = 0.05
+QUICK = Effort(gp_samples=300, gp_tuning_samples=150, gp_iterations=15, mlp_steps=1000)
+
+
+def nmse(model: Model, trials: Sequence[Trial]) -> FloatArray:
+    """Return MSE / variance of the torque of each joint. Shape (n_joints,)."""
+    inputs, torque_nm = stacked(trials)
+    shares: FloatArray = np.mean((model.predict(inputs) - torque_nm) ** 2, axis=0) / np.var(torque_nm, axis=0)
+    return shares
+
+
+def seconds_per_call(call: Callable[[], object]) -> float:
+    """Return the CPU time of a call: the best of three rounds."""
+    timer = timeit.Timer(call, timer=time.process_time)
+    number = max(1, math.ceil(TIMED_S / max(timer.timeit(1), 1e-9)))
+    return min(timer.repeat(3, number)) / number
+
+
+@dataclass(frozen=True)
+class Result:
+    """One learner on one data set.
+
+    Args:
+        data: name of the data set.
+        learner: name of the learner.
+        is_ours: whether it belongs to this project.
+        nmse: of the held-out trials, for each part of the training trials. Shape (n_parts, n_joints).
+        training_s: for each part.
+        batch_us: prediction time of a sample among ``BATCH``.
+        single_us: prediction time of a sample alone.
+        size_mb: what has to be stored.
+    """
+
+    data: str
+    learner: str
+    is_ours: bool
+    nmse: FloatArray
+    training_s: tuple[float, ...]
+    batch_us: float
+    single_us: float
+    size_mb: float
+
+
+def measured(model: Model, name: str, is_ours: bool, data: DataSet, parts: Sequence[float]) -> Result:
+    """Train on parts of the trials, the last one all of them, and measure."""
+    errors, times = [], []
+    for part in parts:
+        trials = [data.training[i] for i in evenly(len(data.training), round(part * len(data.training)))]
+        start = time.process_time()
+        model.fit(trials)
+        times.append(time.process_time() - start)
+        errors.append(nmse(model, data.held_out))
+    inputs, _ = stacked(data.held_out)
+    batch = inputs[np.arange(BATCH) % len(inputs)]
+    return Result(
+        data=data.name,
+        learner=name,
+        is_ours=is_ours,
+        nmse=np.array(errors),
+        training_s=tuple(times),
+        batch_us=1e6 * seconds_per_call(lambda: model.predict(batch)) / BATCH,
+        single_us=1e6 * seconds_per_call(lambda: model.predict(batch[:1])),
+        size_mb=model.size_mb(),
+    )
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """All learners on one data set.
+
+    Args:
+        about: the data, in one sentence.
+        results: of the learners that could be had.
+        notes: on the others.
+    """
+
+    about: str
+    results: list[Result]
+    notes: list[str]
+
+
+def chapter(name: str, effort: Effort, parts: Sequence[float]) -> Chapter:
+    """Train all learners on a data set."""
+    import sklearn.gaussian_process  # noqa: F401 - its libraries have to be loaded to be limited
+
+    results: list[Result] = []
+    notes: list[str] = []
+    with threadpool_limits(1):
+        data = DATA_SETS[name]()
+        for learner, is_ours, model in all_models(data, effort, notes.append):
+            try:
+                results.append(measured(model, learner, is_ours, data, parts))
+            except TelError as error:
+                notes.append(f"{learner} on {name} failed: {error}")
+    return Chapter(f"- *{name}*: {data.about} ({_counts(data)}).", results, notes)
+
+
+def _short(value: float) -> str:
+    """Return two digits, with an exponent only where it is needed."""
+    if value != 0.0 and not 1e-3 <= value < 1e5:
+        return f"{value:.1e}"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
+
+
+NAMES: tuple[Column[Result], ...] = (
+    Column("data", lambda r: r.data, left=True),
+    Column("learner", lambda r: r.learner, left=True),
+)
+
+
+def number(heading: str, value: Callable[[Result], float]) -> Column[Result]:
+    """Return a column of numbers with two digits."""
+    return Column(heading, value, _short)
+
+
+FIGURES = (
+    *NAMES,
+    number("nMSE", lambda r: float(r.nmse[-1].mean())),
+    number("worst joint", lambda r: float(r.nmse[-1].max())),
+    number("training [s]", lambda r: r.training_s[-1]),
+    number("batch [µs]", lambda r: r.batch_us),
+    number("single [µs]", lambda r: r.single_us),
+    number("size [MB]", lambda r: r.size_mb),
+)
+COMPARED: dict[str, Callable[[Result], float]] = {
+    "training": lambda r: r.training_s[-1],
+    "batch": lambda r: r.batch_us,
+    "nMSE": lambda r: float(r.nmse[-1].mean()),
+}
+
+
+def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Result]]:
+    """Return figures, ratios to the two strongest baselines, and growth with the number of trials."""
+    found = {(r.data, r.learner): r for r in results}
+
+    def ratio(what: str, baseline: str) -> Column[Result]:
+        value = COMPARED[what]
+        return number(f"{what} / {baseline}", lambda r: value(r) / value(found[r.data, baseline]))
+
+    def growth(what: str, value: Callable[[Result, int], float]) -> list[Column[Result]]:
+        return [_part(f"{part:.0%}: {what}", value, i) for i, part in enumerate(parts)]
+
+    ratios = [*NAMES, *(ratio(what, baseline) for baseline in (GP, MLP) for what in COMPARED)]
+    made = [
+        Table(FIGURES, results, "Held-out torque error, times and size"),
+        Table(ratios, [r for r in results if r.is_ours], "Ours divided by theirs: below 1, ours is better"),
+    ]
+    if len(parts) > 1:
+        grown = growth("nMSE", lambda r, i: float(r.nmse[i].mean()))
+        grown += growth("time [s]", lambda r, i: r.training_s[i])
+        made.append(Table([*NAMES, *grown], results, "Trained on a part of the trials"))
+    return made
+
+
+def _part(heading: str, value: Callable[[Result, int], float], i: int) -> Column[Result]:
+    return number(heading, lambda r: value(r, i))
+
+
+def page(sheets: Sequence[Table[Result]], chapters: Sequence[Chapter], effort: Effort, command: str) -> str:
+    """Return the Markdown page."""
+    import sklearn
+
+    about = "\n".join(each.about for each in chapters)
+    intro = f"""# Learners of inverse dynamics
+
+Made by `{command}` with one core for each learner, Python {platform.python_version()}, numpy
+{np.__version__}, scikit-learn {sklearn.__version__}. Times are CPU times; they depend on the machine.
+
+{about}
+
+nMSE: mean over the joints of MSE / variance of the torque of the held-out trials. *batch*: prediction time of
+a sample among {BATCH}; *single*: of a sample alone.
+
+- Our learners learn one trial after the other, with the default configuration of learning and a URDF whose
+  inertias are wrong. Their size is that of the arrays in a network's file. All three arms are rigid with
+  viscous friction, which is just what the rigid body assumes; without noise only rounding limits it.
+- The baselines get all samples at once, inputs and outputs standardised. Their size is that of the pickle.
+- {GP}: a Gaussian process for each joint, RBF with a length for each input and white noise; at most
+  {effort.gp_samples} samples taken evenly from all, hyperparameters from {effort.gp_tuning_samples} of them
+  in at most {effort.gp_iterations} iterations.
+- {MLP}: 2 × 64 tanh, {effort.mlp_steps} steps of Adam with at most 200 samples each, no early stopping.
+"""
+    shown = "".join(f"\n## {sheet.title}\n\n{sheet.markdown()}\n" for sheet in sheets)
+    remarks = "".join(f"- {note}\n" for each in chapters for note in each.notes)
+    return intro + shown + (f"\nNotes:\n\n{remarks}" if remarks else "")
+
+
+def _counts(data: DataSet) -> str:
+    training, held_out = (sum(len(t.inputs) for t in trials) for trials in (data.training, data.held_out))
+    return (
+        f"{len(data.joints)} joints; {len(data.training)} trials of {training:,} samples for training, "
+        f"{len(data.held_out)} of {held_out:,} held out"
+    )
+
+
+@study(sets=False)
+def learners_benchmark(options: StudyOptions) -> None:
+    """Compare how well and how fast learners learn inverse dynamics, in CPU time on one core.
+
+    --only takes data sets. Times are comparable between learners with one job alone.
+    """
+    effort, parts = (QUICK, PARTS[-1:]) if options.quick else (Effort(), PARTS)
+    tasks = {name: (name, effort, parts) for name in options.selected(list(DATA_SETS))}
+    chapters = list(options.results(chapter, tasks))
+    sheets = tables([result for each in chapters for result in each.results], parts)
+    console = Console(width=max(Console().width, 132))
+    for sheet in sheets:
+        console.print(sheet.terminal())
+    for note in (note for each in chapters for note in each.notes):
+        click.echo(f"Note: {note}")
+    options.write("learners_benchmark.md", page(sheets, chapters, effort, options.command))
