@@ -10,7 +10,7 @@ from tel_ros.app.extensions import extensions
 
 COMMANDS = {
     "bag": "tel_ros.app.bag.command:bag",
-    "check": "tel_ros.app.check_command:check",
+    "check": "tel_ros.app.check.command:check",
     "configs": "tel_ros.app.configs_command:configs",
     "predict": "tel_ros.app.predict_command:predict",
     "practice": "tel_ros.app.practice_command:practice",

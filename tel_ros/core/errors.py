@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import SequenceMatcher
+
+_ALIKE = 0.8
+
 
 class TelError(Exception):
     """Base of everything that tel_ros raises on purpose."""
@@ -64,3 +69,17 @@ class NetworkFileError(InputFileError):
 
 class BagError(InputFileError):
     """A trial's bag is missing, not whole, or does not hold what a trial must hold."""
+
+
+def look_alikes(name: str, existing: Iterable[str]) -> list[str]:
+    """Return the existing names that may be meant by a name that does not exist, e.g. of a topic.
+
+    Their last part is the same, in another namespace, or spelt alike; the closest come first.
+    """
+    last = name.rpartition("/")[2]
+    likeness = {
+        other: SequenceMatcher(None, last, other.rpartition("/")[2]).ratio()
+        for other in existing
+        if other != name
+    }
+    return sorted((o for o in likeness if likeness[o] >= _ALIKE), key=lambda o: (-likeness[o], o))

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from tel_ros.core.check.programs import Program
-from tel_ros.core.check.records import StateRecord
+from tel_ros.core.check.evidence import Endpoint, StateRecord
+from tel_ros.core.check.pulses import Program
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.nodes.command_channel import CommandChannel
@@ -88,14 +88,13 @@ class ArmClient:
         rows = self._rows[bisect_left(self._rows, since_s, key=lambda row: row[0]) :]
         n = (len(rows), len(self._joints))
         columns = list(zip(*rows, strict=True)) or [()] * 6
+        received, stamps, ages, *fields = columns
         return StateRecord(
             self._joints,
-            np.array(columns[0], dtype=np.float64),
-            np.array(columns[1], dtype=np.int64),
-            np.array(columns[2], dtype=np.float64),
-            np.array(columns[3], dtype=np.float64).reshape(n),
-            np.array(columns[4], dtype=np.float64).reshape(n),
-            np.array(columns[5], dtype=np.float64).reshape(n),
+            np.array(received, dtype=np.float64),
+            np.array(stamps, dtype=np.int64),
+            np.array(ages, dtype=np.float64),
+            *(np.array(field, dtype=np.float64).reshape(n) for field in fields),
         )
 
     def spin_for(self, duration_s: float) -> None:
@@ -167,16 +166,9 @@ class ArmClient:
         columns = [names.index(joint) for joint in self._joints]
         stamp_ns = time_ns(message.header.stamp)
         position = np.array(message.position)[columns]
-        self._rows.append(
-            (
-                now_s,
-                stamp_ns,
-                (time.time_ns() - stamp_ns) / NS_PER_S,
-                position,
-                self._field(message.velocity, names, columns),
-                self._field(message.effort, names, columns),
-            )
-        )
+        age_s = (time.time_ns() - stamp_ns) / NS_PER_S
+        fields = (self._field(values, names, columns) for values in (message.velocity, message.effort))
+        self._rows.append((now_s, stamp_ns, age_s, position, *fields))
         if self._program is not None and not self._program.done:
             self._send(self._program.step(now_s, position), stamp_ns)
 
@@ -197,21 +189,17 @@ class ArmClient:
         self._channel.send(answered_ns)
 
 
-def endpoints(client: ArmClient, command_topic: str) -> dict[str, list[tuple[str, str, str]]]:
-    """Return who else is on the arm's topics: node, type and reliability of each.
-
-    Keys: ``states`` for publishers of joint states, ``commanders`` for publishers and ``listeners`` for
-    subscriptions of commands. The client itself is left out.
-    """
+def endpoints(client: ArmClient, command_topic: str) -> tuple[list[Endpoint], ...]:
+    """Return who else publishes joint states, publishes commands and subscribes to commands."""
     node = client.node
-    return {
-        "states": _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
-        "commanders": _others(node, node.get_publishers_info_by_topic(command_topic)),
-        "listeners": _others(node, node.get_subscriptions_info_by_topic(command_topic)),
-    }
+    return (
+        _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
+        _others(node, node.get_publishers_info_by_topic(command_topic)),
+        _others(node, node.get_subscriptions_info_by_topic(command_topic)),
+    )
 
 
-def _others(node: Node, infos: list) -> list[tuple[str, str, str]]:
+def _others(node: Node, infos: list) -> list[Endpoint]:
     return sorted(
         (info.node_name, info.topic_type, info.qos_profile.reliability.name.lower())
         for info in infos

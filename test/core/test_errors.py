@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from tel_ros.core.errors import ConfigError, InputFileError, NetworkFileError, TelError
+import pytest
+
+from tel_ros.core.errors import ConfigError, InputFileError, NetworkFileError, TelError, look_alikes
 
 
 def test_a_configuration_error_names_source_key_value_and_expectation() -> None:
@@ -22,3 +24,19 @@ def test_a_file_error_names_the_file_what_is_wrong_and_what_was_expected() -> No
     assert str(error) == "net.npz: is empty; expected a network"
     assert isinstance(error, InputFileError)
     assert isinstance(error, TelError)
+
+
+@pytest.mark.parametrize(
+    ("existing", "alike"),
+    [
+        (["/clock", "/rosout"], []),
+        (["/joint_states"], []),
+        (["/dynamic_joint_states"], []),
+        (["/robot1/joint_states", "/tf"], ["/robot1/joint_states"]),
+        (["/a/joint_state", "/b/joint_states"], ["/b/joint_states", "/a/joint_state"]),
+    ],
+)
+def test_names_in_another_namespace_or_spelt_alike_may_be_meant(
+    existing: list[str], alike: list[str]
+) -> None:
+    assert look_alikes("/joint_states", existing) == alike

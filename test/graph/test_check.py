@@ -20,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tel_ros.app.check_command import check
+from tel_ros.app.check.command import check
 from tel_ros.recording import topics
 
 pytestmark = [pytest.mark.timeout(90), pytest.mark.realtime]
@@ -35,8 +35,8 @@ EXTERNAL = (
 TIMING = {"rate of states", "rate of stamps", "jitter of arrival", "age of states", "round-trip delay"}
 """A busy machine may spoil these for an arm that has nothing wrong with it."""
 PATIENT_CHECK = """
-import tel_ros.app.check as app, tel_ros.core.check.bounds as bounds
-from tel_ros.app.check_command import check
+import tel_ros.app.check.run as app, tel_ros.core.check.pulses as bounds
+from tel_ros.app.check.command import check
 app.MOST_STATE_GAP_S = bounds.MOST_STATE_GAP_S = 2.0
 check()
 """
@@ -46,7 +46,7 @@ StartArm = Callable[[str], None]
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine may stand still for longer than an arm may be left alone; these arms are not real."""
-    for module in ("tel_ros.app.check", "tel_ros.core.check.bounds"):
+    for module in ("tel_ros.app.check.run", "tel_ros.core.check.pulses"):
         monkeypatch.setattr(f"{module}.MOST_STATE_GAP_S", 2.0)
 
 
@@ -62,6 +62,19 @@ def fake_arm() -> Iterator[StartArm]:
     for process in started:
         process.send_signal(signal.SIGINT)
         process.wait(10.0)
+
+
+@pytest.fixture
+def graph_node() -> Iterator[Node]:
+    """A node in a context of its own, beside that of the check, with an executor."""
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = Node("beside_the_check", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
 
 
 def run(*arguments: str, answer: str = "") -> tuple[int, str, str]:
@@ -131,42 +144,30 @@ def test_an_arm_that_somebody_else_commands_is_not_pulsed(fake_arm: StartArm) ->
     fake_arm("second_commander")
     _, findings = checked(*EXTERNAL)
     assert findings["pulses", ""]["verdict"] == "not checked"
-    assert "not sent before this is mended" in findings["pulses", ""]["measured"]
+    assert "not sent until this is fixed" in findings["pulses", ""]["measured"]
 
 
-def test_a_passive_check_and_one_that_nobody_agrees_to_command_nothing(fake_arm: StartArm) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-    listener = Node("listener_to_commands", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(listener)
+def test_a_passive_check_and_one_that_nobody_agrees_to_command_nothing(
+    fake_arm: StartArm, graph_node: Node
+) -> None:
     heard: list[Float64MultiArray] = []
-    listener.create_subscription(Float64MultiArray, topics.EFFORT_COMMANDS, heard.append, 1000)
-    try:
-        fake_arm("nobody_listens")
-        _, out, _ = run(*EXTERNAL, "--passive", "--json")
-        assert "not sent, as asked" in out
-        for _ in range(4):  # discovery of the listener may take longer than the check listens
-            _, out, err = run(*EXTERNAL, answer="n\n")
-            if "nobody has agreed" in out:
-                break
-        assert "nobody has agreed" in out
-        assert "May each joint move by 0.05 rad?" in err
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        assert heard == []
-    finally:
-        listener.destroy_node()
-        context.try_shutdown()
+    graph_node.create_subscription(Float64MultiArray, topics.EFFORT_COMMANDS, heard.append, 1000)
+    fake_arm("nobody_listens")
+    _, out, _ = run(*EXTERNAL, "--passive", "--json")
+    assert "not sent, as asked" in out
+    for _ in range(4):  # discovery of the listener may take longer than the check listens
+        _, out, err = run(*EXTERNAL, answer="n\n")
+        if "nobody has agreed" in out:
+            break
+    assert "nobody has agreed" in out
+    assert "May each joint move by 0.05 rad?" in err
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        graph_node.executor.spin_once(timeout_sec=0.05)
+    assert heard == []
 
 
-def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
-    context = Context()
-    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-    listener = Node("listener_to_states", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(listener)
+def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm, graph_node: Node) -> None:
     states: list[JointState] = []
     command = [sys.executable, "-c", PATIENT_CHECK, str(CONFIG), *EXTERNAL, "--yes"]
     fake_arm("no_watchdog")  # so that nothing but the check's own last command can switch the effort off
@@ -174,26 +175,24 @@ def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm) -> None:
         for _ in range(3):  # on a machine that stands still the check may be over before the signal comes
             # Heard anew each time, and only the newest: an old pulse is no sign that this check has begun.
             states.clear()
-            subscription = listener.create_subscription(JointState, topics.JOINT_STATES, states.append, 1)
+            subscription = graph_node.create_subscription(JointState, topics.JOINT_STATES, states.append, 1)
             process = subprocess.Popen(
                 command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
-            spin_until(executor, lambda: bool(states) and any(states[-1].effort), 40.0)
+            spin_until(graph_node.executor, lambda: bool(states) and any(states[-1].effort), 40.0)
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=20.0)
             if process.returncode not in (0, 1):
                 break
-            listener.destroy_subscription(subscription)
+            graph_node.destroy_subscription(subscription)
         assert process.returncode == 130, err
         assert "zero effort was commanded" in err
         seen = len(states)
-        spin_until(executor, lambda: len(states) > seen + 50, 20.0)
+        spin_until(graph_node.executor, lambda: len(states) > seen + 50, 20.0)
         assert not any(states[-1].effort)
     finally:
         if process.poll() is None:
             process.kill()
-        listener.destroy_node()
-        context.try_shutdown()
 
 
 def test_the_simulated_arm_is_started_checked_and_ended() -> None:
@@ -209,6 +208,14 @@ def test_without_an_arm_the_exit_code_is_3() -> None:
     code, out, err = run("--set", "run.arm=external", "--set", "run.arm_timeout_s=0.5", "--yes")
     assert (code, out) == (3, "")
     assert "no joint states on /joint_states within 0.5 s" in err
+    assert "There is" not in err
+
+
+def test_joint_states_in_another_namespace_are_named(graph_node: Node) -> None:
+    graph_node.create_publisher(JointState, "/robot1/joint_states", 1)
+    said = "There is /robot1/joint_states: is --namespace right?"
+    arguments = ("--set", "run.arm=external", "--set", "run.arm_timeout_s=2", "--passive")
+    wait_until(lambda: said in run(*arguments)[2], 30.0, "the topic that exists")
 
 
 def test_another_arm_on_the_domain_keeps_the_simulated_one_from_being_started(fake_arm: StartArm) -> None:

@@ -1,72 +1,139 @@
-"""What can be judged without sending anything: rate, jitter, stamps, age, values, postures."""
+"""Checks that need no command: connections, names, rate, stamps, age, values, posture, velocity."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
-from tel_ros.core.check.findings import Finding, Verdict, judged
-from tel_ros.core.check.records import StateRecord
-from tel_ros.core.config import ArmConfig
-from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.core.check.evidence import (
+    DEGREES,
+    ENOUGH_STATES,
+    Endpoint,
+    Evidence,
+    Finding,
+    StateRecord,
+    Verdict,
+    judged,
+)
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
+STATE_TYPE = "sensor_msgs/msg/JointState"
+COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
 RATE_TOLERANCE = 0.1
 """Share by which the rate may differ from the configured one."""
 JITTER_PERIODS = 3.0
 AGE_LIMIT_S = 0.02
 CLOCK_TOLERANCE_S = 0.005
 """How far a stamp may lie in the future: clocks of two machines agree only so far."""
+WINDOW_S = 0.05
+"""Velocities are compared over windows of this length: a filter that is late by less hardly matters."""
+ENOUGH_WINDOWS = 3
+"""That do not overlap, in which a joint has to have moved clearly."""
+VELOCITY_TOLERANCE = 0.25
 
 
-def judge_rate(states: StateRecord, rate_hz: float) -> list[Finding]:
-    """Judge how many states arrive, by our clock and by their stamps, and how evenly."""
-    arrived_hz = _rate_hz(states.received_s)
-    stamps_s = _distinct_stamps_s(states)
-    stamped_hz = _rate_hz(stamps_s)
-    expected = f"{rate_hz:g} Hz within {RATE_TOLERANCE:.0%}"
-    findings = [
-        judged(
-            "rate of states",
-            abs(arrived_hz / rate_hz - 1.0) <= RATE_TOLERANCE,
-            f"{arrived_hz:.1f} Hz",
-            expected,
-            "set control.rate_hz to the rate of the joint states, or update_rate of the controller manager "
-            "to control.rate_hz; a busy machine loses states as well",
-        ),
-        judged(
-            "rate of stamps",
-            abs(stamped_hz / rate_hz - 1.0) <= RATE_TOLERANCE,
-            f"{stamped_hz:.1f} Hz",
-            expected,
-            "every state needs the time of its own measurement as stamp",
-        ),
-    ]
-    if len(states) > 2:
-        late_s = np.diff(states.received_s) - 1.0 / rate_hz
-        p99_s = float(np.percentile(np.abs(late_s), 99))
-        limit_s = JITTER_PERIODS / rate_hz
-        measured = (
-            f"99 % within {p99_s * 1e3:.2f} ms, longest gap {(late_s.max() + 1 / rate_hz) * 1e3:.1f} ms"
+def state_publisher(seen: Evidence) -> Iterator[Finding]:
+    """One publisher of joint states, of the right type."""
+    mend = "end all but one: states of two arms, or of an old process, would be mixed"
+    yield _one_of(seen.publishers, STATE_TYPE, mend)
+
+
+def other_commanders(seen: Evidence) -> Iterator[Finding]:
+    """Nobody else commands the arm."""
+    mend = "end whoever else commands the arm (tel practice, an old ep_controller, arm_guard) first"
+    expected = "nobody else commands the arm"
+    yield judged(not seen.commanders, _listed(seen.commanders), expected, mend, blocks=True)
+
+
+def command_listener(seen: Evidence) -> Iterator[Finding]:
+    """One subscription of commands, of the right type."""
+    mend = "start and activate the controller that takes the commands; end a second one"
+    yield _one_of(seen.listeners, COMMAND_TYPE, mend)
+
+
+def quality_of_service(seen: Evidence) -> Iterator[Finding]:
+    """States are published reliably."""
+    unreliable = [name for name, _, reliability in seen.publishers if reliability == "best_effort"]
+    yield judged(
+        not unreliable,
+        f"best effort: {', '.join(unreliable)}" if unreliable else "reliable",
+        "states are published reliably",
+        "the recorder subscribes reliably and would get nothing",
+    )
+
+
+def joint_names(seen: Evidence) -> Iterator[Finding]:
+    """Each joint of the arm is named once in every message."""
+    heard = sorted(set(seen.names))
+    others = sorted({name for each in heard for name in each} - set(seen.arm.joints))
+    words = {(1,): "in every message", (0,): "in none", (0, 1): "not in every message"}
+    for joint in seen.arm.joints:
+        counts = sorted({each.count(joint) for each in heard})
+        yield judged(
+            counts == [1],
+            words.get(tuple(counts), "more than once in a message")
+            + (f" (others: {', '.join(others)})" if counts == [0] and others else ""),
+            "once in every message",
+            "arm.joints needs the names of the joint states; one broadcaster for all joints of the arm",
+            joint=joint,
+            blocks=True,
         )
-        mend = "look for other work on this machine and in the driver's loop; a real-time kernel helps"
-        findings.append(
-            judged(
-                "jitter of arrival",
-                p99_s <= limit_s,
-                measured,
-                f"99 % within {limit_s * 1e3:.1f} ms",
-                mend,
-                otherwise=Verdict.WARNING,
-            )
-        )
-    return findings
 
 
-def judge_stamps(states: StateRecord) -> Finding:
-    """Judge whether time goes forward from state to state."""
-    steps = np.diff(states.stamp_ns)
+def fields(seen: Evidence) -> Iterator[Finding]:
+    """The fields of a message fit together; says nothing if all do."""
+    if seen.malformed:
+        text = f"{seen.malformed} messages have fields of different lengths"
+        expected = "as many positions (velocities, efforts) as names"
+        yield judged(False, text, expected, "mend the publisher of the joint states", blocks=True)
+
+
+def number_of_states(seen: Evidence) -> Iterator[Finding]:
+    """There are enough states to judge; says nothing if there are."""
+    if len(seen.states) < ENOUGH_STATES:
+        text = f"{len(seen.states)} states name all joints in {seen.listened_s:g} s"
+        mend = "mend the names, or look for a publisher that has stopped"
+        yield judged(False, text, f"at least {ENOUGH_STATES}", mend, blocks=True)
+
+
+def rate_of_states(seen: Evidence) -> Iterator[Finding]:
+    """States arrive at the configured rate, by our clock."""
+    mend = (
+        "set control.rate_hz to the rate of the joint states, or update_rate of the controller manager to "
+        "control.rate_hz; a busy machine loses states as well"
+    )
+    yield _rate(seen.states.received_s, seen.rate_hz, mend)
+
+
+def rate_of_stamps(seen: Evidence) -> Iterator[Finding]:
+    """The same by their stamps."""
+    stamps = seen.states.stamp_ns
+    distinct = stamps[np.flatnonzero(np.diff(stamps, prepend=stamps[:1] - 1))]
+    mend = "every state needs the time of its own measurement as stamp"
+    yield _rate((distinct - distinct[:1]) / NS_PER_S, seen.rate_hz, mend)
+
+
+def jitter(seen: Evidence) -> Iterator[Finding]:
+    """States arrive evenly."""
+    late_s = np.diff(seen.states.received_s) - 1.0 / seen.rate_hz
+    p99_s = float(np.percentile(np.abs(late_s), 99))
+    limit_s = JITTER_PERIODS / seen.rate_hz
+    longest_s = late_s.max() + 1 / seen.rate_hz
+    yield judged(
+        p99_s <= limit_s,
+        f"99 % within {p99_s * 1e3:.2f} ms, longest gap {longest_s * 1e3:.1f} ms",
+        f"99 % within {limit_s * 1e3:.1f} ms",
+        "look for other work on this machine and in the driver's loop; a real-time kernel helps",
+        otherwise=Verdict.WARNING,
+    )
+
+
+def order_of_stamps(seen: Evidence) -> Iterator[Finding]:
+    """Time goes forward from state to state."""
+    steps = np.diff(seen.states.stamp_ns)
     back, same = int(np.sum(steps < 0)), int(np.sum(steps == 0))
-    return judged(
-        "order of stamps",
+    yield judged(
         back == same == 0 and len(steps) > 0,
         f"{back} of {len(steps)} steps go back, {same} repeat a stamp",
         "each state newer than the one before",
@@ -75,86 +142,157 @@ def judge_stamps(states: StateRecord) -> Finding:
     )
 
 
-def judge_age(states: StateRecord, *, arm_has_own_clock: bool) -> Finding:
-    """Judge how old states are when they arrive.
-
-    Args:
-        states: as they arrived.
-        arm_has_own_clock: stamps count the arm's own time (as a simulated arm's do) and say nothing of age.
-    """
-    age_s = float(np.median(states.age_s))
+def age(seen: Evidence) -> Iterator[Finding]:
+    """States are fresh when they arrive."""
+    age_s = float(np.median(seen.states.age_s))
     expected = f"{-CLOCK_TOLERANCE_S * 1e3:g} to {AGE_LIMIT_S * 1e3:g} ms"
-    if arm_has_own_clock:
-        return Finding("age of states", Verdict.NOT_CHECKED, "the stamps are the arm's own time", expected)
+    if seen.arm_has_own_clock:
+        yield Finding(Verdict.NOT_CHECKED, "the stamps are the arm's own time", expected)
+        return
     mend = "look for a stale publisher, buffers and a slow network"
     if age_s < -CLOCK_TOLERANCE_S or age_s > 1.0:
         mend = "synchronise the clocks of both machines (chrony, PTP), or look for a stale publisher"
-    return judged(
-        "age of states",
-        -CLOCK_TOLERANCE_S <= age_s <= AGE_LIMIT_S,
-        f"{age_s * 1e3:.1f} ms, at most {states.age_s.max() * 1e3:.1f} ms",
-        expected,
-        mend,
+    measured = f"{age_s * 1e3:.1f} ms, at most {seen.states.age_s.max() * 1e3:.1f} ms"
+    yield judged(-CLOCK_TOLERANCE_S <= age_s <= AGE_LIMIT_S, measured, expected, mend, blocks=True)
+
+
+def positions(seen: Evidence) -> Iterator[Finding]:
+    """Positions are numbers."""
+    bad = _not_finite(seen.states, seen.states.position_rad)
+    yield judged(
+        not bad,
+        f"not finite: {bad}" if bad else "finite",
+        "finite numbers of rad",
+        "the driver has to send a number for each joint, or no message at all while it has none",
         blocks=True,
     )
 
 
-def judge_values(states: StateRecord) -> list[Finding]:
-    """Judge which fields arrive, and whether positions are numbers."""
-    findings = []
-    bad = _not_finite(states.joints, states.position_rad)
-    findings.append(
-        judged(
-            "positions",
-            not bad,
-            f"not finite: {', '.join(bad)}" if bad else "finite",
-            "finite numbers of rad",
-            "the driver has to send a number for each joint, or nothing at all while it has none",
+def velocities(seen: Evidence) -> Iterator[Finding]:
+    """Velocities are sent."""
+    mend = "they are then estimated from positions, which adds delay"
+    yield _sent(seen.states, seen.states.velocity_rad_s, mend)
+
+
+def efforts(seen: Evidence) -> Iterator[Finding]:
+    """Efforts are sent."""
+    mend = "a dead channel and the watchdog are then judged from the motion alone"
+    yield _sent(seen.states, seen.states.effort_nm, mend)
+
+
+def posture(seen: Evidence) -> Iterator[Finding]:
+    """The arm is inside its joint range."""
+    low, high = seen.states.position_rad.min(axis=0), seen.states.position_rad.max(axis=0)
+    for j, joint in enumerate(seen.states.joints):
+        lowest, highest = seen.arm.position_min_rad[j], seen.arm.position_max_rad[j]
+        yield judged(
+            lowest <= low[j] and high[j] <= highest,
+            f"{low[j]:.4g} to {high[j]:.4g} rad",
+            f"{lowest:.4g} to {highest:.4g} rad",
+            "are the positions degrees instead of radians? Else: the encoder's zero, arm.position_min_rad "
+            "and position_max_rad, or move the joint back into its range by hand",
+            joint=joint,
             blocks=True,
         )
-    )
-    for name, values, mend in (
-        ("velocities", states.velocity_rad_s, "they are then estimated from positions, which adds delay"),
-        ("efforts", states.effort_nm, "then a dead channel and the watchdog are told from motion alone"),
-    ):
-        missing = _not_finite(states.joints, values)
-        measured = f"missing: {', '.join(missing)}" if missing else "sent"
-        findings.append(
-            judged(name, not missing, measured, "sent for each joint", mend, otherwise=Verdict.WARNING)
-        )
-    return findings
 
 
-def judge_posture(states: StateRecord, arm: ArmConfig) -> list[Finding]:
-    """Judge whether the arm is inside its joint range. The limits of ``arm`` have been filled."""
-    findings = []
-    low, high = states.position_rad.min(axis=0), states.position_rad.max(axis=0)
+def velocity(seen: Evidence) -> Iterator[Finding]:
+    """The velocity, summed up over short windows, is how far the joint went in them.
+
+    Windows in which a joint has not gone clearly further than the resolution of its position are left out.
+    The ratio is the least-squares slope over all others: velocity = ratio × differentiated position.
+    """
+    states = seen.moved
+    expected = f"{1 - VELOCITY_TOLERANCE:g} to {1 + VELOCITY_TOLERANCE:g} times the differentiated position"
+    resolution = states.resolution_rad()
+    first, last = _windows(states.stamp_ns)
     for j, joint in enumerate(states.joints):
-        lowest, highest = arm.position_min_rad[j], arm.position_max_rad[j]
-        findings.append(
-            judged(
-                "posture",
-                lowest <= low[j] and high[j] <= highest,
-                f"{low[j]:.4g} to {high[j]:.4g} rad",
-                f"{lowest:.4g} to {highest:.4g} rad",
-                "are the positions degrees instead of radians? Else: the encoder's zero, "
-                "arm.position_min_rad and position_max_rad, or move the joint back into its range by hand",
-                joint=joint,
-                blocks=True,
-            )
-        )
-    return findings
+        position, speed = states.position_rad[:, j], states.velocity_rad_s[:, j]
+        if not np.isfinite(speed).all():
+            yield Finding(Verdict.NOT_CHECKED, "no velocity is sent", expected, joint=joint)
+            continue
+        sums = _integral(states.stamp_ns, speed)
+        went, summed = position[last] - position[first], sums[last] - sums[first]
+        clear_rad = max(8.0 * resolution[j], 1e-4)
+        clear = np.abs(went) > clear_rad
+        n_apart = _n_apart(first[clear], last[clear])
+        if n_apart < ENOUGH_WINDOWS:
+            text = "the joint has hardly moved"
+            mend = "move it by hand while this listens, or let it be pulsed"
+            if float(np.ptp(position)) > ENOUGH_WINDOWS * clear_rad:
+                window = f"{WINDOW_S * 1e3:g} ms of clear motion"
+                text = f"{n_apart} times {window}, at least {ENOUGH_WINDOWS} are needed"
+                mend = "check again; are states missing (see rate, jitter)? Else move it by hand for longer"
+            yield Finding(Verdict.NOT_CHECKED, text, expected, mend, joint)
+            continue
+        ratio = float(went[clear] @ summed[clear] / (went[clear] @ went[clear]))
+        measured = f"{ratio:.3g} times the differentiated position"
+        good = abs(ratio - 1.0) <= VELOCITY_TOLERANCE
+        yield judged(good, measured, expected, _mend_velocity(ratio), joint=joint)
 
 
-def _not_finite(joints: tuple[str, ...], values: FloatArray) -> list[str]:
-    return [joint for j, joint in enumerate(joints) if not np.isfinite(values[:, j]).all()]
+def _mend_velocity(ratio: float) -> str:
+    if 0.5 * DEGREES < abs(ratio) < 2.0 * DEGREES:
+        return "the velocity is in degrees/s: convert it to rad/s in the driver"
+    if 0.5 / DEGREES < abs(ratio) < 2.0 / DEGREES:
+        return "the position is in degrees and the velocity in rad/s: convert the position in the driver"
+    if ratio < 0.0:
+        return "the velocity's sign is flipped against the position's"
+    return "position and velocity need the same unit (rad, rad/s), gear ratio and joint"
 
 
-def _distinct_stamps_s(states: StateRecord) -> np.ndarray:
-    stamps = states.stamp_ns[np.flatnonzero(np.diff(states.stamp_ns, prepend=states.stamp_ns[:1] - 1))]
-    return np.asarray((stamps - stamps[0]) / NS_PER_S if len(stamps) else stamps, dtype=np.float64)
+def _one_of(endpoints: Sequence[Endpoint], kind: str, mend: str) -> Finding:
+    good = len(endpoints) == 1 and endpoints[0][1] == kind
+    return judged(good, _listed(endpoints), f"one, of {kind}", mend, blocks=True)
 
 
-def _rate_hz(times_s: np.ndarray) -> float:
+def _listed(endpoints: Sequence[Endpoint]) -> str:
+    return ", ".join(f"{node} ({kind})" for node, kind, _ in endpoints) or "none"
+
+
+def _rate(times_s: FloatArray, rate_hz: float, mend: str) -> Finding:
     span_s = float(times_s[-1] - times_s[0]) if len(times_s) > 1 else 0.0
-    return (len(times_s) - 1) / span_s if span_s > 0.0 else 0.0
+    found_hz = (len(times_s) - 1) / span_s if span_s > 0.0 else 0.0
+    good = abs(found_hz / rate_hz - 1.0) <= RATE_TOLERANCE
+    return judged(good, f"{found_hz:.1f} Hz", f"{rate_hz:g} Hz within {RATE_TOLERANCE:.0%}", mend)
+
+
+def _sent(states: StateRecord, values: FloatArray, mend: str) -> Finding:
+    missing = _not_finite(states, values)
+    measured = f"missing: {missing}" if missing else "sent"
+    return judged(not missing, measured, "sent for each joint", mend, otherwise=Verdict.WARNING)
+
+
+def _not_finite(states: StateRecord, values: FloatArray) -> str:
+    return ", ".join(joint for j, joint in enumerate(states.joints) if not np.isfinite(values[:, j]).all())
+
+
+def _integral(stamp_ns: IntArray, velocity: FloatArray) -> FloatArray:
+    """Return the velocity summed up since the first state; shape (n,)."""
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(stamp_ns) / NS_PER_S
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _windows(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the first and the last state of windows, one from each state on; shape (n_windows,) each."""
+    time_s = (stamp_ns - stamp_ns[0]) / NS_PER_S
+    steps_s = np.diff(time_s)
+    # No window spans a gap: the velocity in it is not known.
+    gaps = np.flatnonzero((steps_s > WINDOW_S) | (steps_s <= 0.0)) + 1
+    first, last = [], []
+    for piece in np.split(np.arange(len(time_s)), gaps):
+        # The tolerance keeps rounding of equal periods from adding one.
+        ends = piece[0] + np.searchsorted(time_s[piece], time_s[piece] + WINDOW_S - 1e-6)
+        whole = ends <= piece[-1]
+        first.append(piece[whole])
+        last.append(ends[whole])
+    return np.concatenate(first), np.concatenate(last)
+
+
+def _n_apart(first: IntArray, last: IntArray) -> int:
+    """Return how many windows there are that do not overlap."""
+    n = free = 0
+    for begin, end in zip(first, last, strict=True):
+        if begin >= free:
+            n, free = n + 1, end
+    return n

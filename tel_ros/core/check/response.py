@@ -1,21 +1,88 @@
-"""Which joint moved when which was pushed, which way, and how far."""
+"""Checks of which joint moved when which was pushed, which way, and how far."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tel_ros.core.check.findings import Finding, Verdict, judged
-from tel_ros.core.check.records import Pulse
+from tel_ros.core.check.evidence import DEGREES, Evidence, Finding, Pulse, Pulsed, Verdict, judged
 from tel_ros.core.types import FloatArray, IntArray
 
 SCALE_TOLERANCE = 3.0
 """Factor by which an arm may move more or less than its URDF says."""
-_DEGREES = math.degrees(1.0)
 _STEP_S = 1e-3
+
+
+def pulses(seen: Evidence) -> Iterator[Finding]:
+    """Pulses were sent, and all of them; says nothing then."""
+    if seen.not_pulsed:
+        yield Finding(Verdict.NOT_CHECKED, seen.not_pulsed, "sign, scale, delay, watchdog")
+    elif seen.pulses is not None and seen.pulses.complaint:
+        text = f"ended early: {seen.pulses.complaint}"
+        yield judged(False, text, "all pulses within the allowed range", seen.pulses.mend)
+
+
+def effort_channel(seen: Evidence) -> Iterator[Finding]:
+    """Something moves when a joint is pushed."""
+    pulsed, expected = seen.pulsed, "the joint moves"
+    for j, joint in enumerate(seen.arm.joints):
+        own = pulsed.of(j)
+        if not own:
+            yield Finding(Verdict.NOT_CHECKED, "no pulse was sent to it", expected, joint=joint)
+            continue
+        effort_nm = max(abs(pulse.effort_nm) for pulse in own)
+        good = j in pulsed.moved
+        measured = f"{'moves' if good else 'nothing moves'} at ±{effort_nm:.3g} N·m"
+        mend = (
+            "is the drive on and the effort controller active? More friction than that: raise --effort-share"
+        )
+        yield judged(good, measured, expected, mend, joint=joint)
+
+
+def wiring(seen: Evidence) -> Iterator[Finding]:
+    """Each effort reaches its own joint."""
+    joints, target = seen.arm.joints, _target(seen.pulsed)
+    for j in seen.pulsed.moved:
+        joint, reached = joints[j], joints[target[j]]
+        own = "its command moves this joint"
+        yield judged(
+            joint == reached,
+            own if joint == reached else f"its command moves {reached}",
+            own,
+            f"{joint} and {reached} are swapped: compare the joints of the effort controller and the names "
+            "in the joint states with arm.joints, and the cables of the drives",
+            joint=joint,
+        )
+
+
+def sign(seen: Evidence) -> Iterator[Finding]:
+    """Each joint moves with its effort, not against it."""
+    pulsed = seen.pulsed
+    response, target = response_matrix(pulsed.pulses, len(seen.arm.joints)), _target(pulsed)
+    for j in pulsed.moved:
+        good = bool(response[target[j], j] > 0.0)
+        yield judged(
+            good,
+            "moves with the effort" if good else "moves against the effort",
+            "moves with the effort",
+            "flip the sign of the effort, or of position and velocity, in the driver (if not all joints were "
+            "pulsed, it may also be swapped with another)",
+            joint=seen.arm.joints[j],
+        )
+
+
+def both_ways(seen: Evidence) -> Iterator[Finding]:
+    """Each joint moves both ways; says nothing of those that do."""
+    pulsed, target = seen.pulsed, _target(seen.pulsed)
+    for j in pulsed.moved:
+        ways = [abs(float(p.displacement_rad()[j])) for p in pulsed.of(j)]
+        if target[j] == j and len(ways) >= 2 and min(ways) <= 0.2 * max(ways):
+            mend = "it leans on a support or stop, or gravity is stronger: lay the arm where it is free"
+            text, expected, joint = "moves one way only", "moves both ways", seen.arm.joints[j]
+            yield judged(False, text, expected, mend, joint=joint, otherwise=Verdict.WARNING)
 
 
 def response_matrix(pulses: Sequence[Pulse], n_joints: int) -> FloatArray:
@@ -28,91 +95,47 @@ def response_matrix(pulses: Sequence[Pulse], n_joints: int) -> FloatArray:
     return result
 
 
-def wiring(response: FloatArray, moved: Sequence[int]) -> IntArray:
-    """Return which joint each pushed joint is in truth: the column's own number if the wiring is right.
+def reached_joints(response: FloatArray, moved: Sequence[int]) -> IntArray:
+    """Return which joint the effort of each pushed joint reaches: its own number if the wiring is right.
 
     The response of a rightly wired arm is that of its inverse inertia, which is symmetric and positive
     definite. The product of the diagonal of such a matrix exceeds that over any other permutation, since
-    |A_ij| < √(A_ii A_jj); scaling rows and columns (units, efforts) changes nothing about that. So the
-    permutation with the largest product tells the wiring, without a model. That a joint moves most when it is
-    pushed itself would be a wrong rule: a light forearm moves more than the shoulder that is pushed.
+    |A_ij| < √(A_ii A_jj); scaling rows and columns (units, efforts) does not change that. So the permutation
+    with the largest product is the wiring, without a model. That a joint moves most when it is pushed itself
+    would be a wrong rule: a light forearm moves more than the shoulder that is pushed.
 
     Args:
         response: shape (n_joints, n_joints).
         moved: the columns in which something moved.
     """
-    size = np.log(np.maximum(np.abs(response[np.ix_(moved, moved)]), 1e-12))
-    rows, columns = linear_sum_assignment(size.T, maximize=True)
     result = np.arange(len(response))
-    result[np.array(moved, dtype=int)[rows]] = np.array(moved, dtype=int)[columns]
+    if len(moved):
+        size = np.log(np.maximum(np.abs(response[np.ix_(moved, moved)]), 1e-12))
+        rows, columns = linear_sum_assignment(size.T, maximize=True)
+        result[np.array(moved, dtype=int)[rows]] = np.array(moved, dtype=int)[columns]
     return result
 
 
-def judge_wiring(pulses: Sequence[Pulse], visible_rad: FloatArray, joints: Sequence[str]) -> list[Finding]:
-    """Judge whether each effort reaches its joint, and with the right sign."""
-    moved = [
-        j
-        for j in range(len(joints))
-        if any(np.any(np.abs(p.displacement_rad()) >= visible_rad) for p in pulses if p.joint == j)
-    ]
-    response = response_matrix(pulses, len(joints))
-    target = wiring(response, moved) if moved else np.arange(len(joints))
-    findings = []
-    for j, joint in enumerate(joints):
-        own = [pulse for pulse in pulses if pulse.joint == j]
-        if not own:
-            text = "no pulse was sent to it"
-            findings.append(
-                Finding("effort channel", Verdict.NOT_CHECKED, text, "the joint moves", "", joint)
-            )
+def _target(pulsed: Pulsed) -> IntArray:
+    return reached_joints(response_matrix(pulsed.pulses, len(pulsed.visible_rad)), pulsed.moved)
+
+
+def effort_scale(seen: Evidence) -> Iterator[Finding]:
+    """Joints that are wired rightly go about as far as rigid links with the inertia of the URDF would."""
+    pulsed, expected = seen.pulsed, f"{1 / SCALE_TOLERANCE:.2g} to {SCALE_TOLERANCE:g}"
+    if pulsed.inertia_kgm2 is None:
+        text = "the URDF's inertia is not known (pip install pin)"
+        yield Finding(Verdict.NOT_CHECKED, text, "as the URDF says")
+        return
+    target = _target(pulsed)
+    for j in pulsed.moved:
+        if target[j] != j:
             continue
-        effort_nm = max(abs(pulse.effort_nm) for pulse in own)
-        findings.append(
-            judged(
-                "effort channel",
-                j in moved,
-                f"{'moves' if j in moved else 'nothing moves'} at ±{effort_nm:.3g} N·m",
-                "the joint moves",
-                "is the drive on and the effort controller active? More friction than that: raise "
-                "--effort-share",
-                joint=joint,
-            )
-        )
-        if j not in moved:
-            continue
-        i = int(target[j])
-        findings.append(
-            judged(
-                "wiring",
-                i == j,
-                f"its command moves {joints[i]}" if i != j else "its command moves this joint",
-                "its command moves this joint",
-                f"{joint} and {joints[i]} are swapped: compare the joints of the effort controller and the "
-                "names in the joint states with arm.joints, and the cables of the drives",
-                joint=joint,
-            )
-        )
-        findings += _judge_sign(own, response[i, j], i, j, joint)
-    return findings
-
-
-def judge_scale(
-    pulses: Sequence[Pulse], expected_rad: Sequence[float], joints: Sequence[str]
-) -> list[Finding]:
-    """Judge how far joints went against what rigid links with the inertia of the URDF would have done.
-
-    Args:
-        pulses: of joints that have moved and are wired rightly.
-        expected_rad: by :func:`expected_displacement`, one for each pulse.
-        joints: names.
-    """
-    findings = []
-    for j, joint in enumerate(joints):
-        ratios = [
-            float(p.displacement_rad()[j]) / expected
-            for p, expected in zip(pulses, expected_rad, strict=True)
-            if p.joint == j and expected != 0.0
+        goes = [
+            expected_displacement(p, pulsed.inertia_kgm2, pulsed.friction_nms_per_rad) for p in pulsed.of(j)
         ]
+        went = [float(pulse.displacement_rad()[j]) for pulse in pulsed.of(j)]
+        ratios = [rad / urdf_rad for rad, urdf_rad in zip(went, goes, strict=True) if urdf_rad != 0.0]
         if not ratios:
             continue
         ratio = float(np.median(np.abs(ratios)))
@@ -120,20 +143,16 @@ def judge_scale(
         mend = "friction that is not in the URDF, a brake, or efforts that are not N·m at the joint"
         if high:
             mend = "efforts have to be N·m at the joint (gear ratio, current, percent?), positions rad"
-            if 0.5 * _DEGREES < ratio < 2.0 * _DEGREES:
+            if 0.5 * DEGREES < ratio < 2.0 * DEGREES:
                 mend = "the positions are probably degrees instead of radians: convert them in the driver"
-        findings.append(
-            judged(
-                "effort scale",
-                1.0 / SCALE_TOLERANCE <= ratio <= SCALE_TOLERANCE,
-                f"moves {ratio:.3g} times as far as by the URDF",
-                f"{1 / SCALE_TOLERANCE:.2g} to {SCALE_TOLERANCE:g}",
-                mend,
-                joint=joint,
-                otherwise=Verdict.WRONG if high else Verdict.WARNING,
-            )
+        yield judged(
+            1.0 / SCALE_TOLERANCE <= ratio <= SCALE_TOLERANCE,
+            f"moves {ratio:.3g} times as far as by the URDF",
+            expected,
+            mend,
+            joint=seen.arm.joints[j],
+            otherwise=Verdict.WRONG if high else Verdict.WARNING,
         )
-    return findings
 
 
 def expected_displacement(pulse: Pulse, inertia_kgm2: FloatArray, damping_nms_per_rad: FloatArray) -> float:
@@ -162,21 +181,3 @@ def expected_displacement(pulse: Pulse, inertia_kgm2: FloatArray, damping_nms_pe
         velocity = solve @ (inertia_kgm2 @ velocity + dt * effort)
         position = position + 0.5 * dt * (velocity_before + velocity)
     return float(position[pulse.joint])
-
-
-def _judge_sign(own: list[Pulse], slope: float, moving: int, pushed: int, joint: str) -> list[Finding]:
-    sign = judged(
-        "sign of effort",
-        slope > 0.0,
-        "moves with the effort" if slope > 0.0 else "moves against the effort",
-        "moves with the effort",
-        "flip the sign of the effort, or of position and velocity, in the driver (if not all joints were "
-        "pulsed, it may also be swapped with another)",
-        joint=joint,
-    )
-    ways = [abs(float(p.displacement_rad()[moving])) for p in own]
-    if moving != pushed or len(ways) < 2 or min(ways) > 0.2 * max(ways):
-        return [sign]
-    text = "moves one way only"
-    mend = "it leans on a support or stop, or gravity is stronger: lay the arm where it is free"
-    return [sign, Finding("both ways", Verdict.WARNING, text, "moves both ways", mend, joint)]

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from tel_ros.core.check.bounds import Guard
-from tel_ros.core.check.programs import SILENCE_S, ComeToRest, Doublet, FallSilent, Program
-from tel_ros.core.check.records import Pulse, Silence, StateRecord
+from tel_ros.core.check.evidence import Pulse, Pulsed, Silence, StateRecord
+from tel_ros.core.check.pulses import SILENCE_S, ComeToRest, Doublet, FallSilent, Program, PulseGuard
 from tel_ros.core.types import FloatArray
 
 LEVELS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
@@ -27,17 +26,17 @@ States = Callable[[float], StateRecord]
 
 
 class PulseSession:
-    """Makes the programs and keeps what came of them.
+    """Makes the programs and keeps what they show.
 
     Args:
         guard: of the whole session.
         damping_nms_per_rad: B, for braking. Shape (n_joints,).
-        resolution_rad: what positions cannot tell apart. Shape (n_joints,).
+        resolution_rad: of the positions. Shape (n_joints,).
         states: returns what has arrived since a time. It is asked while the arm waits, so it has to be quick.
     """
 
     def __init__(
-        self, guard: Guard, damping_nms_per_rad: FloatArray, resolution_rad: FloatArray, states: States
+        self, guard: PulseGuard, damping_nms_per_rad: FloatArray, resolution_rad: FloatArray, states: States
     ) -> None:
         self._guard, self._damping, self._states = guard, damping_nms_per_rad, states
         self._resolution_rad = np.zeros_like(damping_nms_per_rad)
@@ -70,8 +69,14 @@ class PulseSession:
             self.pulses += pair
         yield from self._test_silence()
 
+    def shown(self, inertia_kgm2: FloatArray | None, friction_nms_per_rad: FloatArray) -> Pulsed:
+        """Return what the session has shown, with what the URDF says of the arm (see :class:`Pulsed`)."""
+        complaint, mend = self._guard.complaint or "", self._guard.mend
+        of_urdf = (inertia_kgm2, friction_nms_per_rad)
+        return Pulsed(self.pulses, self.silence, self.visible_rad, complaint, mend, *of_urdf)
+
     def _refine(self, resolution_rad: FloatArray) -> None:
-        """Take in what positions cannot tell apart; stop where pulses within the range would tell nothing."""
+        """Take in the resolution of the positions; stop if it is too coarse for the range of the pulses."""
         self._resolution_rad = np.maximum(self._resolution_rad, resolution_rad)
         coarse_rad, range_rad = self._resolution_rad, self._guard.bounds.range_rad
         self.visible_rad: FloatArray = np.maximum(VISIBLE_SHARE * range_rad, 4.0 * coarse_rad)
@@ -97,16 +102,9 @@ class PulseSession:
 
     def _pulse(self, doublet: Doublet) -> Pulse:
         start_s = doublet.start_s - _BEFORE_S
+        times_s = (doublet.start_s, doublet.turn_s, doublet.zero_s, doublet.end_s)
         states = self._states(start_s).between(start_s, doublet.end_s)
-        return Pulse(
-            doublet.joint,
-            doublet.effort_nm,
-            doublet.start_s,
-            doublet.turn_s,
-            doublet.zero_s,
-            doublet.end_s,
-            states,
-        )
+        return Pulse(doublet.joint, doublet.effort_nm, *times_s, states)
 
     def _test_silence(self) -> Iterator[Program]:
         """Yield the program that finds out what happens without commands, on the joint that moves most."""
@@ -123,13 +121,8 @@ class PulseSession:
         program = FallSilent(self._guard, pulse.joint, abs(pulse.effort_nm) * share)
         yield program
         if not np.isnan(program.end_s):
-            self.silence = Silence(
-                pulse.joint,
-                program.effort_nm,
-                program.start_s,
-                program.silent_s,
-                program.end_s,
-                self._states(program.start_s).between(program.start_s, program.end_s),
-            )
+            times_s = (program.start_s, program.silent_s, program.end_s)
+            states = self._states(program.start_s).between(program.start_s, program.end_s)
+            self.silence = Silence(pulse.joint, program.effort_nm, *times_s, states)
         if self._guard.complaint is None:
             yield ComeToRest(self._guard, self._obeying(pulse), program.effort_nm, self._rest_rad)

@@ -148,7 +148,7 @@ class SafetyLayer:
         """Return the effort of a pulse, within the effort limits.
 
         The rules about motion would soften it, and what an arm does then would be judged wrongly. Narrower
-        bounds hold it: :mod:`tel_ros.core.check.bounds`.
+        bounds hold it: :mod:`tel_ros.core.check.pulses`.
 
         Args:
             wanted_nm: shape (n_joints,).

@@ -13,10 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "contract"))
 from faulty_arm import FaultyArm, Reading  # noqa: E402
 from two_link import arm_config  # noqa: E402
 
-from tel_ros.core.check.bounds import Guard, PulseBounds  # noqa: E402
-from tel_ros.core.check.findings import Finding  # noqa: E402
-from tel_ros.core.check.programs import Program  # noqa: E402
-from tel_ros.core.check.records import StateRecord  # noqa: E402
+from tel_ros.core.check.evidence import StateRecord  # noqa: E402
+from tel_ros.core.check.pulses import Program, PulseBounds, PulseGuard  # noqa: E402
 from tel_ros.core.check.session import PulseSession  # noqa: E402
 
 JOINTS = ("shoulder", "elbow")
@@ -38,7 +36,7 @@ class SyntheticCheck:
     sent_nm: list[np.ndarray] = field(default_factory=list)
     _rows: list[tuple[float, Reading]] = field(default_factory=list)
     session: PulseSession | None = None
-    guard: Guard | None = None
+    guard: PulseGuard | None = None
 
     def listen(self, duration_s: float = 1.0) -> StateRecord:
         for _ in range(round(duration_s / self.arm.period_s)):
@@ -50,7 +48,7 @@ class SyntheticCheck:
         states = self.states()
         now_s = self._rows[-1][0]
         damping = np.array(arm_config().damping_nms_per_rad)
-        self.guard = Guard(arm_config(), self.bounds, states.position_rad[-1], now_s)
+        self.guard = PulseGuard(arm_config(), self.bounds, states.position_rad[-1], now_s)
         self.session = PulseSession(self.guard, damping, states.resolution_rad(), self.states)
         end_s = np.inf if lost_after_s is None else now_s + lost_after_s
         for program in self.session.programs():
@@ -91,7 +89,3 @@ class SyntheticCheck:
         if effort is not None:
             self.sent_nm.append(effort)
             self.arm.command(effort.tolist())
-
-
-def verdicts(findings: list[Finding], name: str) -> list[str]:
-    return [finding.verdict.value for finding in findings if finding.check == name]

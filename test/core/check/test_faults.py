@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_check import SyntheticCheck
 from two_link import TwoLinkArm, arm_config
 
-from tel_ros.core.check.findings import Finding, Verdict, worst
-from tel_ros.core.check.verdicts import judge_listening, judge_pulses
+from tel_ros.core.check.checks import LISTENING, MOVING, judge, worst
+from tel_ros.core.check.evidence import Evidence, Finding, Needs, Verdict
 
 from faulty_arm import WATCHDOG_S, FaultyArm  # isort: skip
 
@@ -26,17 +28,10 @@ def check(
     fault: str, posture: tuple[float, float] = (0.2, 0.5), watchdog_s: float = WATCHDOG_S
 ) -> tuple[SyntheticCheck, list[Finding]]:
     made = SyntheticCheck(FaultyArm(fault, posture_rad=posture, watchdog_s=watchdog_s))
-    findings = judge_listening(made.listen(), arm_config(), RATE_HZ, arm_has_own_clock=False)
-    session = made.pulse()
-    findings += judge_pulses(
-        session,
-        made.guard,
-        made.states(),
-        arm_config(),
-        RATE_HZ,
-        inertia(posture),
-        np.array([0.05, 0.05]),
-    )
+    listened = Evidence(arm_config(), RATE_HZ, made.listen())
+    findings = judge(listened, set(LISTENING) - {Needs.GRAPH})
+    shown = made.pulse().shown(inertia(posture), np.array([0.05, 0.05]))
+    findings += judge(replace(listened, moving=made.states(), pulses=shown), MOVING)
     return made, findings
 
 

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 from two_link import arm_config
 
-from tel_ros.core.check.connections import judge_connections, judge_names
-from tel_ros.core.check.effort_field import judge_quantisation
-from tel_ros.core.check.findings import Finding, Verdict, judged, worst
-from tel_ros.core.check.listening import judge_age, judge_posture, judge_rate, judge_stamps, judge_values
-from tel_ros.core.check.records import StateRecord
-from tel_ros.core.check.response import wiring
-from tel_ros.core.check.velocity import judge_velocity
+from tel_ros.core.check.checks import CHECKS, worst
+from tel_ros.core.check.evidence import Evidence, Finding, Pulsed, StateRecord, Verdict, judged
+from tel_ros.core.check.response import reached_joints
 
 JOINTS = ("shoulder", "elbow")
 COLUMNS = ("received_s", "stamp_ns", "age_s", "position_rad", "velocity_rad_s", "effort_nm")
@@ -34,6 +30,12 @@ def record(n: int = 200, period_s: float = 0.002, age_s: float = 0.001, **column
     return StateRecord(JOINTS, **(values | columns))
 
 
+def found(*titles: str, rate_hz: float = 500.0, **known: object) -> list[Finding]:
+    """Return the findings of some checks, in the order of the list."""
+    evidence = Evidence(arm_config(), rate_hz, **({"states": record()} | known))
+    return [finding for check in CHECKS if check.title in titles for finding in check.findings(evidence)]
+
+
 def bad(findings: list[Finding]) -> list[str]:
     return [f.check for f in findings if f.verdict is Verdict.WRONG]
 
@@ -42,13 +44,13 @@ def bad(findings: list[Finding]) -> list[str]:
     ("rate_hz", "expected"), [(500.0, []), (1000.0, ["rate of states", "rate of stamps"])]
 )
 def test_the_rate_has_to_be_the_configured_one(rate_hz: float, expected: list[str]) -> None:
-    assert bad(judge_rate(record(), rate_hz)) == expected
+    assert bad(found("rate of states", "rate of stamps", rate_hz=rate_hz)) == expected
 
 
 def test_uneven_arrival_is_a_warning() -> None:
     late_s = np.where(np.arange(200) % 10 == 0, 0.012, 0.0)
     bunched_s = np.maximum.accumulate(record().received_s + late_s)
-    jitter = judge_rate(record(received_s=bunched_s), 500.0)[-1]
+    (jitter,) = found("jitter of arrival", states=record(received_s=bunched_s))
     assert jitter.check == "jitter of arrival"
     assert jitter.verdict is Verdict.WARNING
 
@@ -56,22 +58,24 @@ def test_uneven_arrival_is_a_warning() -> None:
 def test_stamps_that_go_back_are_found() -> None:
     stamps = record().stamp_ns.copy()
     stamps[50:] -= 100_000_000
-    finding = judge_stamps(record(stamp_ns=stamps))
+    (finding,) = found("order of stamps", states=record(stamp_ns=stamps))
     assert finding.verdict is Verdict.WRONG
     assert finding.measured == "1 of 199 steps go back, 0 repeat a stamp"
 
 
 @pytest.mark.parametrize(("age_s", "good"), [(0.001, True), (0.019, True), (0.03, False), (-0.02, False)])
 def test_old_states_and_states_of_the_future_are_found(age_s: float, good: bool) -> None:
-    finding = judge_age(record(age_s=age_s), arm_has_own_clock=False)
+    (finding,) = found("age of states", states=record(age_s=age_s))
     assert (finding.verdict is Verdict.OK) is good
-    assert judge_age(record(age_s=age_s), arm_has_own_clock=True).verdict is Verdict.NOT_CHECKED
+    (own,) = found("age of states", states=record(age_s=age_s), arm_has_own_clock=True)
+    assert own.verdict is Verdict.NOT_CHECKED
 
 
 def test_a_position_that_is_no_number_blocks_and_a_missing_velocity_warns() -> None:
     position, velocity = np.zeros((200, 2)), np.zeros((200, 2))
     position[7, 1], velocity[:, 0] = np.nan, np.nan
-    findings = judge_values(record(position_rad=position, velocity_rad_s=velocity))
+    states = record(position_rad=position, velocity_rad_s=velocity)
+    findings = found("positions", "velocities", "efforts", "posture", states=states)
     assert bad(findings) == ["positions"]
     assert findings[0].blocks
     assert findings[0].measured == "not finite: elbow"
@@ -81,7 +85,7 @@ def test_a_position_that_is_no_number_blocks_and_a_missing_velocity_warns() -> N
 def test_a_posture_out_of_range_blocks() -> None:
     position = np.zeros((200, 2))
     position[:, 1] = 3.0
-    findings = judge_posture(record(position_rad=position), arm_config())
+    findings = found("posture", states=record(position_rad=position))
     assert [f.blocks for f in findings] == [False, True]
 
 
@@ -90,7 +94,7 @@ def test_a_velocity_has_to_be_the_derivative_of_the_position(factor: float, good
     time_s = 0.002 * np.arange(1000)
     position = np.column_stack([np.sin(time_s), np.zeros(1000)])
     velocity = factor * np.column_stack([np.cos(time_s), np.zeros(1000)])
-    moving, still = judge_velocity(record(1000, position_rad=position, velocity_rad_s=velocity))
+    moving, still = found("velocity", moving=record(1000, position_rad=position, velocity_rad_s=velocity))
     assert (moving.verdict is Verdict.OK) is good
     assert still.verdict is Verdict.NOT_CHECKED
 
@@ -99,7 +103,7 @@ def test_a_velocity_that_is_late_by_a_filter_is_still_right() -> None:
     time_s = 0.002 * np.arange(1000)
     position = np.column_stack([np.sin(3 * time_s)] * 2)
     velocity = np.column_stack([3 * np.cos(3 * (time_s - 0.005))] * 2)
-    assert bad(judge_velocity(record(1000, position_rad=position, velocity_rad_s=velocity))) == []
+    assert bad(found("velocity", moving=record(1000, position_rad=position, velocity_rad_s=velocity))) == []
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 500.0])
@@ -107,7 +111,7 @@ def test_a_steady_motion_is_not_taken_for_noise_of_the_position(rate_hz: float) 
     time_s = np.arange(round(2.0 * rate_hz)) / rate_hz
     position, velocity = (np.column_stack([values] * 2) for values in (np.sin(time_s), np.cos(time_s)))
     states = record(len(time_s), 1.0 / rate_hz, position_rad=position, velocity_rad_s=velocity)
-    assert {finding.verdict for finding in judge_velocity(states)} == {Verdict.OK}
+    assert {finding.verdict for finding in found("velocity", moving=states)} == {Verdict.OK}
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -134,7 +138,7 @@ def test_a_joint_whose_states_were_lost_while_it_moved_is_not_said_to_have_hardl
     heard = np.concatenate([whole.between(a, a + 0.06).received_s for a in (10.0, 10.6, 11.2)])
     kept = np.isin(whole.received_s, heard[: -len(heard) // 3])
     lost = StateRecord(JOINTS, *(getattr(whole, name)[kept] for name in COLUMNS))
-    moved, still = judge_velocity(lost)
+    moved, still = found("velocity", moving=lost)
     assert (moved.verdict, still.verdict) == (Verdict.NOT_CHECKED, Verdict.NOT_CHECKED)
     assert moved.measured == "2 times 50 ms of clear motion, at least 3 are needed"
     assert "states missing" in moved.mend
@@ -143,7 +147,8 @@ def test_a_joint_whose_states_were_lost_while_it_moved_is_not_said_to_have_hardl
 
 def test_a_coarse_effort_is_a_warning() -> None:
     effort = np.round(np.column_stack([np.linspace(-2, 2, 200)] * 2) / [0.5, 0.01]) * [0.5, 0.01]
-    findings = judge_quantisation(record(effort_nm=effort), arm_config())
+    pulses = Pulsed([], None, np.zeros(2), "", "", None, np.zeros(2))
+    findings = found("effort steps", moving=record(effort_nm=effort), pulses=pulses)
     assert [f.verdict for f in findings] == [Verdict.WARNING, Verdict.OK]
 
 
@@ -155,7 +160,7 @@ def test_any_wiring_of_seven_joints_is_recognised_in_any_units(seed: int) -> Non
     order = rng.permutation(7)
     units = rng.uniform(0.01, 100.0, 7)
     wired = units[:, None] * response[:, order] * rng.choice([-1.0, 1.0], 7)
-    assert wiring(wired, range(7)).tolist() == order.tolist()
+    assert reached_joints(wired, range(7)).tolist() == order.tolist()
 
 
 @pytest.mark.parametrize(
@@ -172,23 +177,38 @@ def test_any_wiring_of_seven_joints_is_recognised_in_any_units(seed: int) -> Non
 def test_one_arm_has_one_publisher_one_listener_and_nobody_else(
     states: list, commanders: list, listeners: list, expected: list[str]
 ) -> None:
-    assert bad(judge_connections(states, commanders, listeners)) == expected
+    titles = ("publisher of states", "other commands", "listener to commands", "quality of service")
+    graph = {"publishers": states, "commanders": commanders, "listeners": listeners}
+    assert bad(found(*titles, **graph)) == expected
 
 
 def test_names_that_are_missing_or_there_twice_are_found_and_others_ignored() -> None:
-    assert bad(judge_names([("finger", "elbow", "shoulder")], JOINTS, 0)) == []
-    missing = judge_names([("schulter", "elbow")], JOINTS, 0)
+    def named(*names: tuple[str, ...], malformed: int = 0) -> list[Finding]:
+        return found("name", "fields", names=names, malformed=malformed)
+
+    assert bad(named(("finger", "elbow", "shoulder"))) == []
+    missing = named(("schulter", "elbow"))
     assert [f.verdict is Verdict.WRONG for f in missing] == [True, False]
     assert missing[0].measured == "in none (others: schulter)"
-    assert bad(judge_names([("elbow", "shoulder", "elbow")], JOINTS, 0)) == ["name"]
-    assert bad(judge_names([("elbow",), ("shoulder", "elbow")], JOINTS, 0)) == ["name"]
-    assert bad(judge_names([("elbow", "shoulder")], JOINTS, 3)) == ["fields"]
+    assert bad(named(("elbow", "shoulder", "elbow"))) == ["name"]
+    assert bad(named(("elbow",), ("shoulder", "elbow"))) == ["name"]
+    assert bad(named(("elbow", "shoulder"), malformed=3)) == ["fields"]
+
+
+def test_too_few_states_are_said_and_not_judged() -> None:
+    (finding,) = found("states", "rate of states", "posture", states=record(19), listened_s=2.0)
+    assert (finding.check, finding.measured) == ("states", "19 states name all joints in 2 s")
+    assert finding.blocks
+
+
+def test_each_check_has_a_title_of_its_own() -> None:
+    assert len({check.title for check in CHECKS}) == len(CHECKS)
 
 
 def test_the_verdict_is_the_worst_finding_and_only_wrong_ones_block() -> None:
-    fine = judged("a", True, "", "", "mend it")
-    warning = judged("b", False, "", "", "mend it", otherwise=Verdict.WARNING, blocks=True)
+    fine = judged(True, "", "", "mend it")
+    warning = judged(False, "", "", "mend it", otherwise=Verdict.WARNING, blocks=True)
     assert (fine.mend, warning.blocks) == ("", False)
     assert worst([fine]) is Verdict.OK
     assert worst([fine, warning]) is Verdict.WARNING
-    assert worst([warning, judged("c", False, "", "", "")]) is Verdict.WRONG
+    assert worst([warning, judged(False, "", "", "")]) is Verdict.WRONG

@@ -10,8 +10,14 @@ import pytest
 from synthetic_check import SyntheticCheck
 from two_link import arm_config
 
-from tel_ros.core.check.bounds import MOST_STATE_GAP_S, Guard, PulseBounds
-from tel_ros.core.check.programs import ComeToRest, Doublet, FallSilent
+from tel_ros.core.check.pulses import (
+    MOST_STATE_GAP_S,
+    ComeToRest,
+    Doublet,
+    FallSilent,
+    PulseBounds,
+    PulseGuard,
+)
 from tel_ros.core.errors import ConfigError
 
 from faulty_arm import FAULTS, LIMIT_NM, FaultyArm  # isort: skip
@@ -28,8 +34,8 @@ def checked(fault: str, share: float = 0.02) -> SyntheticCheck:
     return made
 
 
-def guard(**bounds: float) -> Guard:
-    return Guard(arm_config(), PulseBounds(**bounds), HERE, 0.0)
+def guard(**bounds: float) -> PulseGuard:
+    return PulseGuard(arm_config(), PulseBounds(**bounds), HERE, 0.0)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -142,4 +148,4 @@ def test_bounds_that_are_too_wide_are_refused(key: str, value: float) -> None:
 
 def test_a_gap_that_is_too_long_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"state_gap_s is 0\.5; expected above 0 and up to 0\.1 s"):
-        Guard(arm_config(), PulseBounds(), HERE, 0.0, 0.5)
+        PulseGuard(arm_config(), PulseBounds(), HERE, 0.0, 0.5)

@@ -22,13 +22,13 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
-from tel_ros.core.check.bounds import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
-from tel_ros.core.check.findings import Verdict
+from tel_ros.core.check.evidence import Verdict
+from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 
 if TYPE_CHECKING:
-    from tel_ros.app.check import CheckReport
+    from tel_ros.app.check.run import CheckReport
 
 EXIT_WRONG = 1
 _OUT = Console()
@@ -95,7 +95,7 @@ def check(
     interrupted.
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
-    from tel_ros.app.check import CheckOptions, check_arm
+    from tel_ros.app.check.run import CheckOptions, check_arm
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm may move.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -147,11 +147,7 @@ def _verdict_line(report: CheckReport) -> str:
     counts = {verdict: sum(f.verdict is verdict for f in report.findings) for verdict in Verdict}
     rest = f"{counts[Verdict.WARNING]} warnings, {counts[Verdict.NOT_CHECKED]} not checked"
     if report.verdict is Verdict.WRONG:
-        return f"verdict  {counts[Verdict.WRONG]} things are wrong, {rest}: mend them before the arm moves"
+        return f"verdict  {counts[Verdict.WRONG]} things are wrong, {rest}: fix them before the arm moves"
     if any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in report.findings):
-        return f"verdict  nothing wrong as far as listening tells, {rest}"
+        return f"verdict  nothing wrong as far as listening shows, {rest}"
     return f"verdict  nothing wrong, {rest}"
-
-
-if __name__ == "__main__":
-    check()

@@ -1,19 +1,26 @@
-"""What is commanded while an arm is checked: one program after the other, each fed state by state.
+"""What is commanded while an arm is checked, within bounds that every effort passes.
 
-None of them uses a measured velocity or trusts that an effort acts on the joint, or in the direction, that it
-is meant for: this is what is to be found out.
+One program runs after the other, each fed state by state. None of them uses a measured velocity, or relies on
+an effort acting on the joint and in the direction that it is meant for: this is what is to be found out.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
-from tel_ros.core.check.bounds import Guard
+from tel_ros.core.config import ArmConfig
+from tel_ros.core.errors import ConfigError
 from tel_ros.core.types import FloatArray
 
+MOST_EFFORT_SHARE = 0.10
+MOST_RANGE_RAD = 0.2
+MOST_STATE_GAP_S = 0.1
+"""Without a state for at most this long everything ends with zero effort."""
 HALF_PULSE_S = 0.05
 LEFT_ALONE_S = 0.06
 BRAKE_S = 0.3
@@ -25,6 +32,103 @@ _SPEED_WINDOW_S = 0.01
 _SAME_S = 1e-6
 
 
+@dataclass(frozen=True)
+class PulseBounds:
+    """What a person has agreed to.
+
+    Args:
+        effort_share: largest effort as a share of each joint's limit, up to :data:`MOST_EFFORT_SHARE`.
+        range_rad: how far any joint may get from where it was, up to :data:`MOST_RANGE_RAD`.
+
+    Raises:
+        ConfigError: a value is not finite, not above 0 or above its maximum.
+    """
+
+    effort_share: float = 0.02
+    range_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        for key, most, unit in (
+            ("effort_share", MOST_EFFORT_SHARE, ""),
+            ("range_rad", MOST_RANGE_RAD, " rad"),
+        ):
+            value = getattr(self, key)
+            if not 0.0 < value <= most or not math.isfinite(value):
+                raise ConfigError(key, value, f"above 0 and up to {most}{unit}")
+
+
+class PulseGuard:
+    """Clips every effort, and says when to stop.
+
+    Args:
+        arm: names and effort limits.
+        bounds: what is allowed.
+        position_rad: where the arm is. Shape (n_joints,).
+        now_s: on a clock that only runs forward.
+        state_gap_s: no state for this long ends everything, up to :data:`MOST_STATE_GAP_S`.
+
+    Raises:
+        ConfigError: ``state_gap_s`` is out of its range.
+    """
+
+    def __init__(
+        self,
+        arm: ArmConfig,
+        bounds: PulseBounds,
+        position_rad: FloatArray,
+        now_s: float,
+        state_gap_s: float = MOST_STATE_GAP_S,
+    ) -> None:
+        if not 0.0 < state_gap_s <= MOST_STATE_GAP_S:
+            raise ConfigError("state_gap_s", state_gap_s, f"above 0 and up to {MOST_STATE_GAP_S} s")
+        self._state_gap_s = state_gap_s
+        self.joints, self.bounds = arm.joints, bounds
+        self.most_nm: FloatArray = bounds.effort_share * np.array(arm.effort_limit_nm)
+        self.home_rad: FloatArray = position_rad.copy()
+        self._seen_s = now_s
+        self.complaint: str | None = None
+        """Why everything has to end; stays once it is set."""
+        self.mend = ""
+        """What to do about the complaint."""
+
+    def look(self, now_s: float, position_rad: FloatArray) -> bool:
+        """Take in a state; return whether to go on."""
+        self.look_at_clock(now_s)
+        self._seen_s = now_s
+        away_rad = np.abs(position_rad - self.home_rad)
+        # Written so that NaN is outside.
+        outside = ~(away_rad <= self.bounds.range_rad)
+        if self.complaint is None and np.any(outside):
+            j = int(np.argmax(outside))
+            self.stop(
+                f"{self.joints[j]} is {away_rad[j]:.4f} rad away from where it was "
+                f"(allowed: {self.bounds.range_rad:g} rad)",
+                "are the positions degrees instead of radians? Else less effort (--effort-share), or more "
+                "room (--range)",
+            )
+        return self.complaint is None
+
+    def look_at_clock(self, now_s: float) -> bool:
+        """Take in that time has passed; return whether to go on."""
+        if self.complaint is None and not now_s - self._seen_s <= self._state_gap_s:
+            self.stop(
+                f"no joint state for {self._state_gap_s:g} s",
+                "the driver has stopped, or this machine is too busy: see rate and jitter",
+            )
+        return self.complaint is None
+
+    def stop(self, reason: str, mend: str) -> None:
+        """End everything for a reason that can be mended; the first one counts."""
+        if self.complaint is None:
+            self.complaint, self.mend = reason, mend
+
+    def allowed(self, effort_nm: FloatArray) -> FloatArray:
+        """Return an effort that may be sent: zero after a complaint or if it is not finite, else clipped."""
+        if self.complaint is not None or not np.isfinite(effort_nm).all():
+            return np.zeros_like(self.most_nm)
+        return np.asarray(np.clip(effort_nm, -self.most_nm, self.most_nm), dtype=np.float64)
+
+
 class Program(ABC):
     """Something to command; ``done`` after a while in any case.
 
@@ -32,7 +136,7 @@ class Program(ABC):
         guard: has the last word on every effort.
     """
 
-    def __init__(self, guard: Guard) -> None:
+    def __init__(self, guard: PulseGuard) -> None:
         self.guard = guard
         self.done = False
 
@@ -58,7 +162,7 @@ class Program(ABC):
 
     @abstractmethod
     def _effort(self, now_s: float, position_rad: FloatArray) -> FloatArray | None:
-        """Return the effort for a state that the guard has nothing against."""
+        """Return the effort for a state that the guard accepts."""
 
     def _on_one(self, joint: int, effort_nm: float) -> FloatArray:
         effort = np.zeros_like(self.guard.most_nm)
@@ -67,14 +171,14 @@ class Program(ABC):
 
 
 class Doublet(Program):
-    """An effort one way, then the other way for as long, then nothing for a moment.
+    """An effort one way, then the other way for as long, then zero effort for a moment.
 
     The two halves leave no momentum behind, in any joint, whatever joint they act on and in whatever
     direction: unlike a damper, that is a brake that needs no right sign. The first half ends early when any
     joint has gone ``enough_rad``.
     """
 
-    def __init__(self, guard: Guard, joint: int, effort_nm: float, enough_rad: float) -> None:
+    def __init__(self, guard: PulseGuard, joint: int, effort_nm: float, enough_rad: float) -> None:
         super().__init__(guard)
         self.joint, self.effort_nm, self._enough_rad = joint, effort_nm, enough_rad
         self.start_s = self.turn_s = self.zero_s = self.end_s = np.nan
@@ -104,7 +208,7 @@ class ComeToRest(Program):
     """Zero effort until the arm rests, after -B q̇ on joints that are known to obey.
 
     The damper never exerts more than the pulse did, ends when the joint turns round, and after
-    :data:`BRAKE_S` in any case. The speed is made of positions.
+    :data:`BRAKE_S` in any case. The speed is computed from positions.
 
     Args:
         guard: has the last word.
@@ -116,7 +220,7 @@ class ComeToRest(Program):
 
     def __init__(
         self,
-        guard: Guard,
+        guard: PulseGuard,
         damping_nms_per_rad: FloatArray,
         most_nm: float,
         rest_rad: FloatArray,
@@ -136,14 +240,13 @@ class ComeToRest(Program):
             self._history.popleft()
         waited_s = now_s - self._start_s
         if waited_s >= REST_WINDOW_S:
-            positions = np.array([position for _, position in self._history])
-            if np.all(np.ptp(positions, axis=0) <= self._rest_rad):
+            went_rad = np.ptp(np.array([position for _, position in self._history]), axis=0)
+            if np.all(went_rad <= self._rest_rad):
                 self.done = True
             elif waited_s > self._timeout_s:
-                j = int(np.argmax(np.ptp(positions, axis=0) - self._rest_rad))
+                joint = self.guard.joints[int(np.argmax(went_rad - self._rest_rad))]
                 self.guard.stop(
-                    f"{self.guard.joints[j]} does not come to rest without effort within "
-                    f"{self._timeout_s:g} s",
+                    f"{joint} does not come to rest without effort within {self._timeout_s:g} s",
                     "support an arm that cannot rest without effort, let the drive compensate gravity, or "
                     "use --passive",
                 )
@@ -171,7 +274,7 @@ class FallSilent(Program):
     The last part needs no right sign either: what stops the joint stops what moves along with it.
     """
 
-    def __init__(self, guard: Guard, joint: int, effort_nm: float) -> None:
+    def __init__(self, guard: PulseGuard, joint: int, effort_nm: float) -> None:
         super().__init__(guard)
         self.joint, self.effort_nm = joint, effort_nm
         self.start_s = self.silent_s = self.end_s = np.nan

@@ -1,11 +1,11 @@
-"""Checking an arm: listening to it first, then, if all is well and somebody agrees, pulsing it."""
+"""Checking an arm: listens first; then, if nothing forbids it and somebody agrees, pulses the joints."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,24 +15,22 @@ import numpy as np
 
 from tel_ros.app.bring_up import NodeProcesses, require_simulator
 from tel_ros.app.errors import GraphError
-from tel_ros.core.check.bounds import MOST_STATE_GAP_S, Guard, PulseBounds
-from tel_ros.core.check.connections import judge_connections, judge_names
-from tel_ros.core.check.findings import Finding, Verdict, worst
+from tel_ros.core.check.checks import LISTENING, MOVING, judge, worst
+from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding, Verdict
+from tel_ros.core.check.pulses import MOST_STATE_GAP_S, PulseBounds, PulseGuard
 from tel_ros.core.check.session import PulseSession
-from tel_ros.core.check.velocity import judge_velocity
-from tel_ros.core.check.verdicts import judge_listening, judge_pulses
-from tel_ros.core.config import Config
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.config import ArmConfig, Config
+from tel_ros.core.errors import ConfigError, look_alikes
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes.arm_check import ArmClient, endpoints
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
+from tel_ros.recording.urdf import read_urdf
 
 LISTEN_S = 2.0
 CHANNEL_TIMEOUT_S = 5.0
 DISCOVERY_S = 0.5
-_ENOUGH_STATES = 20
 
 Agree = Callable[[str], bool]
 
@@ -76,16 +74,9 @@ class CheckReport:
 
     def as_plain(self) -> dict[str, Any]:
         """Return it as nested dictionaries, lists and scalars."""
+        keys = ("check", "joint", "verdict", "measured", "expected", "mend")
         findings = [
-            {
-                "check": f.check,
-                "joint": f.joint,
-                "verdict": f.verdict.value,
-                "measured": f.measured,
-                "expected": f.expected,
-                "mend": f.mend,
-            }
-            for f in self.findings
+            {key: getattr(f, key) for key in keys} | {"verdict": f.verdict.value} for f in self.findings
         ]
         return {"verdict": self.verdict.value, "findings": findings}
 
@@ -114,9 +105,10 @@ def check_arm(config: Config, options: CheckOptions, agree: Agree, namespace: st
         ArmClient(config.arm.joints, still_there, namespace) as client,
     ):
         _wait_for_states(client, config)
-        findings = _listen(client, config, options)
-        findings += _pulse(client, config, options, agree, findings)
-        return CheckReport(tuple(findings))
+        listened = _listen(client, config, options)
+        findings = judge(listened, LISTENING)
+        moved = _move(client, config, options, agree, listened, findings)
+        return CheckReport((*findings, *judge(moved, MOVING)))
 
 
 @contextmanager
@@ -140,7 +132,7 @@ def _refuse_other_arm(config: Config, namespace: str) -> None:
     with ArmClient(config.arm.joints, namespace=namespace) as client:
         client.spin_for(DISCOVERY_S)
         found = endpoints(client, _command_topic(config))
-    others = [node for kind in found.values() for node, _, _ in kind]
+    others = [node for kind in found for node, _, _ in kind]
     if others:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         expected = (
@@ -154,8 +146,10 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
         topic = client.node.resolve_topic_name(topics.JOINT_STATES)
+        alike = look_alikes(topic, (name for name, _ in client.node.get_topic_names_and_types()))
+        where = f"There is {' and '.join(alike)}: is --namespace right? " if alike else ""
         raise NoArmError(
-            f"no joint states on {topic} within {timeout_s:g} s. Is the arm's driver running, "
+            f"no joint states on {topic} within {timeout_s:g} s. {where}Is the arm's driver running, "
             "its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
         )
     # Its first states come while everything else is still starting.
@@ -167,25 +161,30 @@ def _command_topic(config: Config) -> str:
     return topics.COMMANDS[config.arm.command_interface]
 
 
-def _listen(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:
+def _listen(client: ArmClient, config: Config, options: CheckOptions) -> Evidence:
     client.spin_for(options.listen_s)
-    found = endpoints(client, _command_topic(config))
-    findings = judge_connections(found["states"], found["commanders"], found["listeners"])
-    findings += judge_names(client.names, config.arm.joints, client.malformed)
-    states = client.states()
-    if len(states) < _ENOUGH_STATES:
-        text = f"{len(states)} states name all joints in {options.listen_s:g} s"
-        mend = "mend the names, or look for a publisher that has stopped"
-        expected = f"at least {_ENOUGH_STATES}"
-        return [*findings, Finding("states", Verdict.WRONG, text, expected, mend, blocks=True)]
-    own_clock = config.run.arm == "sim"
-    return findings + judge_listening(states, config.arm, config.control.rate_hz, arm_has_own_clock=own_clock)
+    return Evidence(
+        config.arm,
+        config.control.rate_hz,
+        client.states(),
+        *endpoints(client, _command_topic(config)),
+        names=client.names,
+        malformed=client.malformed,
+        listened_s=options.listen_s,
+        arm_has_own_clock=config.run.arm == "sim",
+    )
 
 
-def _pulse(
-    client: ArmClient, config: Config, options: CheckOptions, agree: Agree, so_far: list[Finding]
-) -> list[Finding]:
-    blocking = [finding for finding in so_far if finding.blocks]
+def _move(
+    client: ArmClient,
+    config: Config,
+    options: CheckOptions,
+    agree: Agree,
+    listened: Evidence,
+    findings: Sequence[Finding],
+) -> Evidence:
+    """Return what is known after the pulses, or why there were none and what was heard meanwhile."""
+    blocking = list(dict.fromkeys(finding.check for finding in findings if finding.blocks))
     why = ""
     if options.passive:
         why = "not sent, as asked"
@@ -193,43 +192,42 @@ def _pulse(
         # Zero effort, with which every pulse ends, would be a posture.
         why = "not sent: the drives take positions (arm.command_interface), and pulses are efforts"
     elif blocking:
-        names = ", ".join(dict.fromkeys(finding.check for finding in blocking))
-        why = f"not sent before this is mended: {names}"
+        why = f"not sent until this is fixed: {', '.join(blocking)}"
     elif config.run.arm != "sim" and not agree(_announcement(config, options.bounds)):
         why = "not sent: nobody has agreed"
-    elif not client.open_channel(_layer(config), CHANNEL_TIMEOUT_S):
+    elif not client.open_channel(
+        SafetyLayer(config.arm, config.safety, config.control.rate_hz), CHANNEL_TIMEOUT_S
+    ):
         why = "not sent: nobody listens to the commands"
-    if why:
-        states = client.states()
-        moved = [] if len(states) < _ENOUGH_STATES or blocking else judge_velocity(states)
-        return [*moved, Finding("pulses", Verdict.NOT_CHECKED, why, "sign, scale, delay, watchdog")]
-    return _run_pulses(client, config, options)
+    if not why:
+        return _pulse(client, config, options, listened)
+    states = client.states()
+    enough = len(states) >= ENOUGH_STATES and not blocking
+    return replace(listened, not_pulsed=why, moving=states if enough else None)
 
 
-def _layer(config: Config) -> SafetyLayer:
-    return SafetyLayer(config.arm, config.safety, config.control.rate_hz)
-
-
-def _run_pulses(client: ArmClient, config: Config, options: CheckOptions) -> list[Finding]:
-    arm = config.arm
+def _pulse(client: ArmClient, config: Config, options: CheckOptions, listened: Evidence) -> Evidence:
     resolution = client.states().resolution_rad()
     client.forget()
     if not client.spin_until(lambda: len(client.states()) > 0, CHANNEL_TIMEOUT_S):
         raise NoArmError("the joint states have stopped")
     start = client.states()
     state_gap_s = min(config.control.state_timeout_s, MOST_STATE_GAP_S)
-    guard = Guard(arm, options.bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
-    session = PulseSession(guard, np.array(arm.damping_nms_per_rad), resolution, client.states)
+    guard = PulseGuard(config.arm, options.bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
+    session = PulseSession(guard, np.array(config.arm.damping_nms_per_rad), resolution, client.states)
     client.run(session.programs())
     states = client.states()
-    inertia, friction = _model(config, states.position_rad[0])
-    return judge_pulses(session, guard, states, arm, config.control.rate_hz, inertia, friction)
+    return replace(listened, moving=states, pulses=session.shown(*_model(config.arm, states.position_rad[0])))
 
 
-def _model(config: Config, position_rad: FloatArray) -> tuple[FloatArray | None, FloatArray]:
-    from tel_ros.app.check_model import inertia_and_friction  # late: not everybody has its library
+def _model(arm: ArmConfig, position_rad: FloatArray) -> tuple[FloatArray | None, FloatArray]:
+    """Return what the URDF says of the arm: its inertia at a posture, if known, and viscous friction."""
+    from tel_ros.core.learning.rigid_body import inertia_matrix  # late: it loads what learning needs
 
-    return inertia_and_friction(config.arm, position_rad)
+    joint_map = read_urdf(Path(arm.urdf)).joint_map
+    dynamics = [joint_map[name].dynamics for name in arm.joints]
+    friction = np.array([float((d and d.damping) or 0.0) for d in dynamics])
+    return inertia_matrix(Path(arm.urdf).read_text(encoding="utf-8"), arm.joints, position_rad), friction
 
 
 def _announcement(config: Config, bounds: PulseBounds) -> str:

@@ -1,0 +1,1 @@
+"""``tel check``: is an arm what its configuration says?"""
