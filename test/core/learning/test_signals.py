@@ -7,25 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from two_link import Bench, TwoLinkArm, loops, make_bench
+from two_link import Bench, TwoLinkArm
+from two_link_trials import rms, truth_rad
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.signals import TrialSignals, configured_samples, training_samples
-from tel_ros.core.trial import Outcome
 
 Record = Callable[..., TrialSignals]
 DT_S = 0.002
-
-
-def true_offset_rad(plant: TwoLinkArm, inputs: np.ndarray) -> np.ndarray:
-    """Return u - q = K⁻¹ (B q̇ + M q̈ + C q̇ + f) of the arm."""
-    q, v, a = np.split(inputs, 3, axis=1)
-    return (1.5 * v + plant.inverse_dynamics(q, v, a)) / 15.0
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def cut_to_run(trial: TrialSignals) -> TrialSignals:
@@ -55,7 +45,7 @@ def test_the_pairs_are_those_of_the_arms_inverse_dynamics(
     loops_trial: Bench, plant: TwoLinkArm, recorded: Record, cutoff_hz: float
 ) -> None:
     samples = training_samples(recorded(loops_trial), cutoff_hz)
-    error = samples.offset_rad - true_offset_rad(plant, samples.actual)
+    error = samples.offset_rad - truth_rad(samples.actual, plant)
     # What is left comes from positions and velocities of the beginning of each interval beside the mean
     # acceleration: 0.26 mrad RMS of 230, and twice that is allowed. Half a sample's lag would make 1 mrad.
     assert rms(samples.offset_rad) > 0.2
@@ -77,7 +67,7 @@ def test_motion_and_command_are_not_half_a_sample_apart(
             moved[:, j] = np.interp(samples_t + shift, samples_t, samples.actual[:, j])
         return moved
 
-    errors = [rms((samples.offset_rad - true_offset_rad(plant, shifted(s)))[inner]) for s in shifts]
+    errors = [rms((samples.offset_rad - truth_rad(shifted(s), plant))[inner]) for s in shifts]
     assert int(np.argmin(errors)) == 2, dict(zip(shifts, errors, strict=True))
     assert min(errors[1], errors[3]) > 3.0 * errors[2]
 
@@ -117,7 +107,7 @@ def test_the_filter_keeps_the_noise_of_an_encoder_out_of_the_acceleration(
     # is allowed, for quantised positions are not quite white.
     assert noise[0] > 3.0
     assert noise[1] < 0.06
-    assert rms(filtered.offset_rad - true_offset_rad(plant, filtered.actual)) < 1e-3
+    assert rms(filtered.offset_rad - truth_rad(filtered.actual, plant)) < 1e-3
 
 
 def test_the_ends_of_run_are_as_good_as_its_middle(
@@ -127,7 +117,7 @@ def test_the_ends_of_run_are_as_good_as_its_middle(
     trial = recorded(loops_trial)
     whole, cut = training_samples(trial, 15.0), training_samples(cut_to_run(trial), 15.0)
     ends = np.r_[0:25, -25:0]
-    errors = [rms((s.offset_rad - true_offset_rad(plant, s.actual))[ends]) for s in (whole, cut)]
+    errors = [rms((s.offset_rad - truth_rad(s.actual, plant))[ends]) for s in (whole, cut)]
     assert errors[0] < 0.5e-3  # as for all of RUN
     assert errors[1] > 0.05, "the record before and after RUN makes no difference"
 
@@ -204,7 +194,7 @@ def test_the_chosen_filter_brings_noisy_pairs_nearest_to_the_truth(
 ) -> None:
     trial = recorded(loops_trial, noise_rad=1e-3)
     samples = {cutoff: training_samples(trial, cutoff) for cutoff in (None, 15.0, 0.0)}
-    error = {c: rms(s.offset_rad - true_offset_rad(plant, s.actual)) for c, s in samples.items()}
+    error = {c: rms(s.offset_rad - truth_rad(s.actual, plant)) for c, s in samples.items()}
     # Measured: 1.9, 17 and 4,280 mrad.
     assert error[None] < 3e-3
     assert error[None] < error[15.0] / 5.0 < error[0.0] / 500.0
@@ -216,7 +206,7 @@ def test_the_chosen_filter_does_no_harm_where_there_is_little_noise(
 ) -> None:
     samples = training_samples(recorded(loops_trial, **noise), None)
     # 0.3 mrad are left without noise, see above.
-    assert rms(samples.offset_rad - true_offset_rad(plant, samples.actual)) < 0.6e-3
+    assert rms(samples.offset_rad - truth_rad(samples.actual, plant)) < 0.6e-3
 
 
 @pytest.mark.parametrize("cutoff_hz", [None, 0.0, 6.0, 15.0])
@@ -274,101 +264,6 @@ def test_at_a_low_rate_a_record_without_noise_is_left_alone(loops_trial: Bench, 
     np.testing.assert_array_equal(chosen.actual, unfiltered.actual)
     np.testing.assert_array_equal(chosen.offset_rad, unfiltered.offset_rad)
     assert (chosen.period_s, chosen.bandwidth_hz) == (0.04, 12.5)
-
-
-@pytest.mark.parametrize(("cutoff_hz", "reach"), [(0.0, 1), (15.0, 17), (5.0, 50)])
-@pytest.mark.parametrize("joint", [0, 1])
-def test_ticks_with_a_clipped_effort_and_their_neighbours_are_left_out(
-    loops_trial: Bench, recorded: Record, joint: int, cutoff_hz: float, reach: int
-) -> None:
-    trial = recorded(loops_trial)
-    first = int(np.argmax(trial.run))
-    saturated = np.zeros_like(trial.saturated)
-    saturated[first + 700 : first + 720, joint] = True
-    saturated[first + 1500, joint] = True
-    whole = training_samples(trial, cutoff_hz)
-    samples = training_samples(dataclasses.replace(trial, saturated=saturated), cutoff_hz)
-    gone = np.r_[700 - reach : 720 + reach, 1500 - reach : 1501 + reach]
-    np.testing.assert_array_equal(samples.desired, np.delete(whole.desired, gone, axis=0))
-    np.testing.assert_array_equal(samples.actual, np.delete(whole.actual, gone, axis=0))
-    assert len(samples.offset_rad) == len(samples.actual)
-
-
-def test_saturation_next_to_run_reaches_into_it(loops_trial: Bench, recorded: Record) -> None:
-    trial = recorded(loops_trial)
-    saturated = np.zeros_like(trial.saturated)
-    saturated[int(np.argmax(trial.run)) - 5] = True
-    samples = training_samples(dataclasses.replace(trial, saturated=saturated), 15.0)
-    assert len(samples.actual) == 2251 - (17 - 4)
-
-
-@pytest.mark.parametrize("cutoff_hz", [None, 0.0, 3.0, 15.0])
-@pytest.mark.parametrize("n_clipped", [1, 20, 100])
-def test_a_command_that_did_not_act_does_not_falsify_the_pairs(
-    loops_trial: Bench, recorded: Record, n_clipped: int, cutoff_hz: float | None
-) -> None:
-    trial = recorded(loops_trial)
-    clipped = np.flatnonzero(trial.run)[700:][:n_clipped]
-    saturated, equilibrium = trial.saturated.copy(), trial.equilibrium_rad.copy()
-    saturated[clipped, 0] = True
-    equilibrium[clipped, 0] += 0.5
-    unnoticed = dataclasses.replace(trial, equilibrium_rad=equilibrium)
-    noticed = dataclasses.replace(unnoticed, saturated=saturated)
-    whole = training_samples(trial, cutoff_hz)
-    seen = training_samples(noticed, cutoff_hz)
-    left = np.isin(whole.desired, seen.desired).all(axis=1)
-    # A straight line in place of what acted for 0.2 s is off by 40 mrad in the middle; a tenth of that is
-    # what the longest filter carries over.
-    assert np.abs(seen.offset_rad - whole.offset_rad[left]).max() < 6e-3
-    assert rms(seen.offset_rad - whole.offset_rad[left]) < 1e-3
-    np.testing.assert_array_equal(seen.offset_rad[:, 1], whole.offset_rad[left][:, 1])
-    missed = np.abs(training_samples(unnoticed, cutoff_hz).offset_rad - whole.offset_rad).max()
-    assert missed > 5.0 * np.abs(seen.offset_rad - whole.offset_rad[left]).max()
-
-
-@pytest.mark.parametrize("cutoff_hz", [None, 0.0, 6.0, 15.0])
-def test_a_weak_motor_teaches_nothing_wrong(
-    plant: TwoLinkArm, recorded: Record, cutoff_hz: float | None
-) -> None:
-    bench = make_bench(description={"effort_limit_nm": (5.0, 5.0)})
-    assert bench.run(loops(4.5)).outcome == Outcome.COMPLETED
-    trial = recorded(bench)
-    assert np.count_nonzero(trial.saturated[trial.run]) > 300
-    unnoticed = dataclasses.replace(trial, saturated=np.zeros_like(trial.saturated))
-    errors = [
-        rms(samples.offset_rad - true_offset_rad(plant, samples.actual))
-        for samples in (training_samples(t, cutoff_hz) for t in (trial, unnoticed))
-    ]
-    assert errors[0] < 1e-3
-    assert errors[1] > 0.05
-
-
-@pytest.mark.parametrize("cutoff_hz", [None, 0.0, 15.0])
-def test_a_trial_that_was_saturated_throughout_is_refused(
-    loops_trial: Bench, recorded: Record, cutoff_hz: float | None
-) -> None:
-    trial = recorded(loops_trial)
-    saturated = np.ones_like(trial.saturated)
-    said = (
-        "^the effort was clipped, .* in 2251 of the 2251 ticks of RUN, which leaves 0 to learn from; "
-        r"expected at least 50\. Move slower"
-    )
-    with pytest.raises(TrainingError, match=said):
-        training_samples(dataclasses.replace(trial, saturated=saturated), cutoff_hz)
-
-
-def test_a_trial_with_too_little_between_saturated_ticks_is_refused(
-    loops_trial: Bench, recorded: Record
-) -> None:
-    trial = recorded(loops_trial)
-    saturated = np.zeros_like(trial.saturated)
-    saturated[np.flatnonzero(trial.run)[::30], 1] = True
-    said = "^the effort was clipped, .* in 76 of the 2251 ticks of RUN, which leaves 0 to learn from"
-    with pytest.raises(TrainingError, match=said):
-        training_samples(dataclasses.replace(trial, saturated=saturated), 15.0)
-    unfiltered = training_samples(dataclasses.replace(trial, saturated=saturated), 0.0)
-    # Three ticks for each but the first, which has no neighbour in RUN before it, and the last.
-    assert len(unfiltered.actual) == 2251 - 3 * 76 + 2
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What is said of a fit is what it is worth where it was not learned."""
+"""Torque learned from recordings, and judged by blocks of time that were held out."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ import pytest
 from made_up_recording import JOINTS, made_up, torque_nm
 
 from tel_ros.core.config import LearningConfig
+from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.torque_fit import (
+    N_FOLDS,
     Fit,
     TorquePrediction,
     blocks_of,
     fit_torque,
+    folds,
+    gap_s,
     held_out_error,
     predict_torque,
 )
@@ -137,3 +141,50 @@ def test_shares_of_errors_are_counted() -> None:
     np.testing.assert_allclose(found.rms_nm, [0.5])
     np.testing.assert_allclose(found.std_factor, [2.0])
     assert (found.within_2_std, found.extrapolated, found.n_samples) == (0.75, 0.25, 4)
+
+
+@pytest.fixture(scope="module")
+def broken() -> list[TorqueSamples]:
+    """Two unbroken parts of a recording."""
+    recording = made_up(40.0, 50.0).recording
+    return torque_samples(recording[(recording.time_s < 15.0) | (recording.time_s > 16.0)])
+
+
+def test_every_sample_is_held_out_once(broken: list[TorqueSamples]) -> None:
+    assert len(broken) == 2
+    found = folds(broken, blocks_of(broken))
+    assert len(found) == N_FOLDS
+    held_out = np.concatenate([block.time_s for fold in found for block in fold.held_out])
+    np.testing.assert_array_equal(np.sort(held_out), np.concatenate([part.time_s for part in broken]))
+
+
+def test_what_is_learned_keeps_its_distance(broken: list[TorqueSamples]) -> None:
+    for fold in folds(broken, blocks_of(broken)):
+        held_out = np.concatenate([block.time_s for block in fold.held_out])
+        learned = np.concatenate([block.time_s for block in fold.learned])
+        distance_s = np.abs(learned[:, None] - held_out[None, :]).min(axis=1)
+        assert distance_s.min() > gap_s(broken)
+        # Gaps cost something, not most of it.
+        assert len(learned) > 0.6 * (sum(map(len, broken)) - len(held_out))
+
+
+def test_the_distance_is_more_than_the_filter_reaches(broken: list[TorqueSamples]) -> None:
+    assert gap_s(broken) >= 2.0 / min(part.bandwidth_hz for part in broken)
+
+
+def test_no_block_reaches_across_a_break(broken: list[TorqueSamples]) -> None:
+    blocks = blocks_of(broken)
+    assert {block.part for block in blocks} == {0, 1}
+    for block in blocks:
+        assert 0 <= block.start < block.end <= len(broken[block.part])
+
+
+def test_a_recording_that_is_too_short_is_refused_with_its_length() -> None:
+    parts = torque_samples(made_up(2.0, 100.0).recording)
+    with pytest.raises(TrainingError, match=r"1\.\d+ s in 1 unbroken parts.*at least 5.*Record longer"):
+        blocks_of(parts)
+
+
+def test_nothing_at_all_is_refused_too() -> None:
+    with pytest.raises(TrainingError, match="0 s in 0 unbroken parts"):
+        blocks_of([])
