@@ -58,7 +58,6 @@ setup(
         "numba",
         "numpy",
         "psutil",
-        "pydantic>=1.10",
         "pyyaml",
         "rich",
         "rosbags>=0.10.9",

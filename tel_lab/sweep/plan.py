@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
 
 from tel_ros import __version__
 from tel_ros.core.config import Config, file_values
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.config_file import flat_values, load_config, read_yaml
+from tel_ros.recording.config_file import flat_values, load_config, read_record, read_yaml
 
 CASE = "case"
 """Name of the column that tells cases apart."""
@@ -24,7 +23,8 @@ CASE = "case"
 _NOT_HASHED = ("versions",)
 
 
-class MapPlan(BaseModel, extra="forbid"):
+@dataclass(frozen=True)
+class MapPlan:
     """A figure to draw of a sweep: one panel a case, a cell for each pair of values.
 
     Args:
@@ -42,7 +42,8 @@ class MapPlan(BaseModel, extra="forbid"):
     y_label: str = ""
 
 
-class SweepFile(BaseModel, extra="forbid"):
+@dataclass(frozen=True)
+class SweepFile:
     """What the YAML file of a sweep may hold.
 
     Args:
@@ -53,9 +54,9 @@ class SweepFile(BaseModel, extra="forbid"):
         map: figure to draw at the end.
     """
 
-    set: dict[str, Any] = {}
-    cases: dict[str, dict[str, Any]] = {}
-    grid: dict[str, list[Any]] = {}
+    set: dict[str, Any] = field(default_factory=dict)
+    cases: dict[str, dict[str, Any]] = field(default_factory=dict)
+    grid: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     seeds: int = 1
     map: MapPlan | None = None
 
@@ -132,16 +133,10 @@ def read_sweep_file(path: Path) -> SweepFile:
     """Read the YAML file of a sweep.
 
     Raises:
-        InputFileError: it is missing or unreadable, a key is unknown, or a value has the wrong type.
+        InputFileError: it is missing or unreadable.
+        ConfigError: a key is unknown, or a value has the wrong type.
     """
-    try:
-        return SweepFile(**read_yaml(path))
-    except ValidationError as error:
-        complaint = error.errors()[0]
-        key = ".".join(str(part) for part in complaint["loc"])
-        known = ", ".join(SweepFile.__annotations__)
-        expected = f"the file of a sweep, with keys among {known}"
-        raise InputFileError(path, f"{key}: {complaint['msg']}", expected) from None
+    return read_record(SweepFile, read_yaml(path), lambda key: str(path))
 
 
 def parse_grid(text: str) -> tuple[str, tuple[Any, ...]]:

@@ -11,6 +11,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import yaml
@@ -121,8 +122,8 @@ def read_record(
     """Check nested plain values against the types of a dataclass, and return them as one.
 
     Args:
-        record: the dataclass. Its fields are text, numbers, true or false, literals, dataclasses, or tuples
-            and dictionaries of those.
+        record: the dataclass. Its fields are text, numbers, true or false, literals, anything, dataclasses
+            (or None), or tuples and dictionaries of those.
         raw: as read from YAML.
         source_of: from a dotted key to the file or option that it came from, for messages.
         section: in front of the keys in messages.
@@ -154,6 +155,10 @@ def read_record(
 def _read(hint: Any, value: Any, key: str, expected: str, source_of: SourceOf) -> Any:
     """Return a plain value as a field's type; text is taken for a number where YAML 1.1 does not: 1e-3."""
     origin, of = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return value
+    if origin is UnionType:  # with None
+        return None if value is None else _read(of[0], value, key, in_words(of[0]), source_of)
     if dataclasses.is_dataclass(hint):
         return read_record(hint, value, source_of, key)  # type: ignore[arg-type]
     if origin is tuple and isinstance(value, list | tuple):
