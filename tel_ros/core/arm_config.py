@@ -13,9 +13,8 @@ from tel_ros.core.config_fields import (
     Positive,
     Range,
     TextFile,
-    require,
-    require_one_per_joint,
 )
+from tel_ros.core.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,16 +48,14 @@ class ArmConfig(Checked):
     """``position``: speed limit of the equilibrium points that are sent. Empty: ``velocity_limit_rad_s``."""
 
     def __post_init__(self) -> None:
-        require(len(self.joints) > 0, "joints", self.joints, "at least one joint name")
-        require(len(set(self.joints)) == len(self.joints), "joints", self.joints, "each joint once")
+        self.require(len(self.joints) > 0, "joints", "at least one joint name")
+        self.require(len(set(self.joints)) == len(self.joints), "joints", "each joint once")
         super().__post_init__()
-        require_one_per_joint(self, self.joints)
+        self.require_one_per_joint(self.joints)
         if self.position_min_rad and self.position_max_rad:
             ends = zip(self.position_min_rad, self.position_max_rad, strict=True)
             expected = f"above {list(self.position_min_rad)}"
-            require(
-                all(low < high for low, high in ends), "position_max_rad", self.position_max_rad, expected
-            )
+            self.require(all(low < high for low, high in ends), "position_max_rad", expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,12 +89,8 @@ class ControlConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.settle_time_s < self.settle_timeout_s,
-            "settle_timeout_s",
-            self.settle_timeout_s,
-            f"a finite time above settle_time_s = {self.settle_time_s} s",
-        )
+        expected = f"a finite time above settle_time_s = {self.settle_time_s} s"
+        self.require(self.settle_time_s < self.settle_timeout_s, "settle_timeout_s", expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,16 +129,13 @@ class SafetyConfig(Checked):
         Raises:
             ConfigError: another number of values than joints, or soft limits that leave no range.
         """
-        require_one_per_joint(self, arm.joints, "safety.")
+        self.require_one_per_joint(arm.joints, "safety.")
         if not (self.soft_margin_rad and arm.position_min_rad and arm.position_max_rad):
             return
         room = [high - low for low, high in zip(arm.position_min_rad, arm.position_max_rad, strict=True)]
-        require(
-            all(2.0 * margin < r for margin, r in zip(self.soft_margin_rad, room, strict=True)),
-            "safety.soft_margin_rad",
-            self.soft_margin_rad,
-            f"less than half of each joint's range of {room} rad",
-        )
+        if not all(2.0 * margin < r for margin, r in zip(self.soft_margin_rad, room, strict=True)):
+            expected = f"less than half of each joint's range of {room} rad"
+            raise ConfigError("safety.soft_margin_rad", list(self.soft_margin_rad), expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,4 +181,4 @@ class SimConfig(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         bits = self.encoder_bits
-        require(bits == 0 or bits >= 8, "encoder_bits", bits, "0 (exact), or 8 to 32")
+        self.require(bits == 0 or bits >= 8, "encoder_bits", "0 (exact), or 8 to 32")

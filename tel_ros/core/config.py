@@ -8,6 +8,7 @@ number, and ours elsewhere. What belongs to the arm is in :mod:`tel_ros.core.arm
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,8 +30,6 @@ from tel_ros.core.config_fields import (
     Share,
     TextFile,
     declared,
-    require,
-    require_one_per_joint,
 )
 from tel_ros.core.config_fields import JointValues as JointValues
 
@@ -60,18 +59,10 @@ class PathConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            bool(self.name) != bool(self.file),
-            "name",
-            self.name,
-            f"either a name or a file (file is {self.file!r}), and not both",
-        )
-        require(
-            not (self.known_name and self.known_file),
-            "known_name",
-            self.known_name,
-            f"a name or a file (known_file is {self.known_file!r}), and not both",
-        )
+        expected = f"either a name or a file (file is {self.file!r}), and not both"
+        self.require(bool(self.name) != bool(self.file), "name", expected)
+        expected = f"a name or a file (known_file is {self.known_file!r}), and not both"
+        self.require(not (self.known_name and self.known_file), "known_name", expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,43 +106,24 @@ class PracticeConfig(Checked):
         super().__post_init__()
         self._check_vary()
         least = f"of at least goal_duration_s = {self.goal_duration_s} s"
-        require(
-            all(self.goal_duration_s <= t < float("inf") for t in self.durations_s),
-            "durations_s",
-            self.durations_s,
-            f"finite times {least}",
-        )
-        require(
-            self.tolerance_rad <= self.step_tolerance_rad,
-            "step_tolerance_rad",
-            self.step_tolerance_rad,
-            f"a finite angle of at least tolerance_rad = {self.tolerance_rad} rad",
-        )
-        require(
-            self.goal_duration_s <= self.first_duration_s,
-            "first_duration_s",
-            self.first_duration_s,
-            f"a finite time {least}",
+        finite = all(self.goal_duration_s <= t < math.inf for t in self.durations_s)
+        self.require(finite, "durations_s", f"finite times {least}")
+        expected = f"a finite angle of at least tolerance_rad = {self.tolerance_rad} rad"
+        self.require(self.tolerance_rad <= self.step_tolerance_rad, "step_tolerance_rad", expected)
+        self.require(
+            self.goal_duration_s <= self.first_duration_s, "first_duration_s", f"a finite time {least}"
         )
 
     def _check_vary(self) -> None:
         choices = ("speed", "amplitude", "shape", "stiffness")
-        require(
-            0 < len(self.vary) == len(set(self.vary)) and set(self.vary) <= set(choices),
-            "vary",
-            self.vary,
-            f"one or more of {', '.join(choices)}, each once",
-        )
+        known_once = 0 < len(self.vary) == len(set(self.vary)) and set(self.vary) <= set(choices)
+        self.require(known_once, "vary", f"one or more of {', '.join(choices)}, each once")
         if self.vary == ("speed",):
             return
-        require(not self.durations_s, "vary", self.vary, "only speed, because durations_s is given")
-        require(self.strategy != "subtasks", "vary", self.vary, "only speed, because strategy is 'subtasks'")
-        require(
-            self.strategy != "trajectory_extension" or self.trials > len(self.vary),
-            "trials",
-            self.trials,
-            f"more than the {len(self.vary)} things that vary",
-        )
+        self.require(not self.durations_s, "vary", "only speed, because durations_s is given")
+        self.require(self.strategy != "subtasks", "vary", "only speed, because strategy is 'subtasks'")
+        enough = self.strategy != "trajectory_extension" or self.trials > len(self.vary)
+        self.require(enough, "trials", f"more than the {len(self.vary)} things that vary")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,60 +214,35 @@ class Config(Checked):
         super().__post_init__()
         rate_hz, sim, guard = self.control.rate_hz, self.sim, self.safety.guard
         substeps = sim.physics_rate_hz / rate_hz
-        require(
-            substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9,
-            "sim.physics_rate_hz",
-            sim.physics_rate_hz,
-            f"a whole multiple of control.rate_hz = {rate_hz}",
-        )
+        is_whole = substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9
+        self.require(is_whole, "sim.physics_rate_hz", f"a whole multiple of control.rate_hz = {rate_hz}")
         periods = sim.command_delay_s * rate_hz
-        require(
-            abs(periods - round(periods)) < 1e-6,
-            "sim.command_delay_s",
-            sim.command_delay_s,
-            f"a whole multiple of the control period {1.0 / rate_hz:g} s",
-        )
-        require(
-            guard != "always" or not self.arm_waits_for_commands,
-            "safety.guard",
-            guard,
-            "'external' or 'never' with sim.clock lockstep: its arm waits for each command",
-        )
-        require(
-            guard != "always" or self.arm.command_interface == "effort",
-            "safety.guard",
-            guard,
-            "'external' or 'never' with arm.command_interface position: the drives hold in silence",
-        )
+        expected = f"a whole multiple of the control period {1.0 / rate_hz:g} s"
+        self.require(abs(periods - round(periods)) < 1e-6, "sim.command_delay_s", expected)
+        expected = "'external' or 'never' with sim.clock lockstep: its arm waits for each command"
+        self.require(guard != "always" or not self.arm_waits_for_commands, "safety.guard", expected)
+        expected = "'external' or 'never' with arm.command_interface position: the drives hold in silence"
+        self.require(guard != "always" or self.arm.command_interface == "effort", "safety.guard", expected)
         self._check_varied()
         self.safety.require_fits(self.arm)
-        require_one_per_joint(sim, self.arm.joints, "sim.")
+        sim.require_one_per_joint(self.arm.joints, "sim.")
 
     def _check_varied(self) -> None:
-        practice, known = self.practice, self.path.known_name or self.path.known_file
-        varies_shape = "shape" in practice.vary
-        require(
-            bool(known) == varies_shape,
-            "path.known_name",
-            known,
-            "a path to begin with (known_name or known_file), because practice.vary has shape"
-            if varies_shape
-            else "nothing, because practice.vary has no shape",
-        )
+        practice, path = self.practice, self.path
+        key = "path.known_file" if path.known_file else "path.known_name"
+        if "shape" in practice.vary:
+            expected = "a path to begin with (known_name or known_file), because practice.vary has shape"
+            self.require(bool(path.known_name or path.known_file), key, expected)
+        else:
+            is_empty = not (path.known_name or path.known_file)
+            self.require(is_empty, key, "nothing, because practice.vary has no shape")
         if "stiffness" not in practice.vary:
             return
-        require(
-            self.arm.command_interface == "effort",
-            "practice.vary",
-            practice.vary,
-            "no stiffness, because arm.command_interface is 'position': it is the drive's, and stays",
-        )
-        require(
-            practice.first_stiffness <= self.control.max_stiffness_factor,
-            "practice.first_stiffness",
-            practice.first_stiffness,
-            f"at most control.max_stiffness_factor = {self.control.max_stiffness_factor}",
-        )
+        expected = "no stiffness, because arm.command_interface is 'position': it is the drive's, and stays"
+        self.require(self.arm.command_interface == "effort", "practice.vary", expected)
+        most = self.control.max_stiffness_factor
+        expected = f"at most control.max_stiffness_factor = {most}"
+        self.require(practice.first_stiffness <= most, "practice.first_stiffness", expected)
 
 
 def file_keys() -> Mapping[str, FileRole]:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
+from operator import attrgetter
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from tel_ros.core.errors import ConfigError
@@ -162,29 +163,23 @@ class Checked:
         for name, field in declared(type(self)).items():
             value = getattr(self, name)
             if get_origin(field.hint) is Literal:
-                require(value in get_args(field.hint), name, value, field.expected)
+                self.require(value in get_args(field.hint), name, field.expected)
             if field.range:
                 values = value if isinstance(value, tuple) else (value,)
-                require(all(map(field.range.holds, values)), name, value, field.expected)
+                self.require(all(map(field.range.holds, values)), name, field.expected)
 
+    def require(self, condition: bool, key: str, expected: str) -> None:
+        """Refuse the value of a (dotted) key unless a condition holds; NaN has to make it false."""
+        if not condition:
+            value = attrgetter(key)(self)
+            raise ConfigError(key, list(value) if isinstance(value, tuple) else value, expected)
 
-def require(condition: bool, key: str, value: object, expected: str) -> None:
-    """Raise a ConfigError unless a condition holds. Write it so that NaN makes it false."""
-    if not condition:
-        raise ConfigError(key, list(value) if isinstance(value, tuple) else value, expected)
-
-
-def require_one_per_joint(record: Checked, joints: Sequence[str], section: str = "") -> None:
-    """Refuse lists of numbers of another length than there are joints; those with a default may be empty.
-
-    Raises:
-        ConfigError: of the first such list; its key with the section in front.
-    """
-    for name, field in declared(type(record)).items():
-        values = getattr(record, name)
-        if field.hint != JointValues or len(values) == len(joints) or not (values or field.is_required):
-            continue
-        one_each = f"{len(joints)} {field.expected}, one for each of the joints {', '.join(joints)}"
-        raise ConfigError(
-            f"{section}{name}", list(values), one_each if field.is_required else f"nothing, or {one_each}"
-        )
+    def require_one_per_joint(self, joints: Sequence[str], section: str = "") -> None:
+        """Refuse lists of numbers without one per joint; those with a default may be empty."""
+        for name, field in declared(type(self)).items():
+            values = getattr(self, name)
+            if field.hint != JointValues or len(values) == len(joints) or not (values or field.is_required):
+                continue
+            one_each = f"{len(joints)} {field.expected}, one for each of the joints {', '.join(joints)}"
+            expected = one_each if field.is_required else f"nothing, or {one_each}"
+            raise ConfigError(f"{section}{name}", list(values), expected)
