@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
+from tel_interfaces import msg as messages
 from tel_interfaces.srv import StartRecording, StopRecording
 
 from tel_ros.core.errors import BagError, TelError
@@ -39,7 +39,7 @@ _CHECK_PERIOD_S = 0.02
 _BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
 _MESSAGE_TYPES = {
     topics.JOINT_STATES: JointState,
-    topics.CONTROL_STATES: ControlState,
+    topics.CONTROL_STATES: messages.ControlState,
     **dict.fromkeys(topics.RECORDED_COMMANDS, Float64MultiArray),
 }
 
@@ -72,7 +72,7 @@ class TrialRecorderNode(Node):
             )
             for topic, kind in _MESSAGE_TYPES.items()
         ]
-        # Both wait for something; in a group of its own, so that what they wait for gets its turn meanwhile.
+        # Both services wait: in a group of their own, messages are served meanwhile.
         self._group = ReentrantCallbackGroup()
         self.create_service(
             StartRecording, topics.private(topics.START_RECORDING), self._start, callback_group=self._group
@@ -86,11 +86,11 @@ class TrialRecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health, self._group)
 
     def stop(self) -> None:
-        """Nothing to begin: an open bag is ended by who has started it, once the arm is at rest."""
+        """Do nothing: whoever has started a recording ends it, once the arm is at rest."""
 
     @property
     def stopped(self) -> bool:
-        """Whether no bag is open any more."""
+        """Whether no bag is open."""
         return self._writer is None
 
     def destroy_node(self) -> None:
@@ -120,20 +120,14 @@ class TrialRecorderNode(Node):
             self._ticks[index] += 1
         try:
             self._writer.write(topic, stamp_ns, raw)
-        except BagError as error:
-            self._give_up(error)
-            return
-        stamps.append(stamp_ns)
-
-    def _give_up(self, error: BagError) -> None:
-        """Leave a bag that cannot be written among the unfinished ones; the trial's end says so."""
-        writer, self._writer = self._writer, None
-        self._trouble = str(error)
-        self.get_logger().error(self._trouble)
-        writer.abandon()
+            stamps.append(stamp_ns)
+        except BagError as error:  # the bag stays among the unfinished ones; the trial's end says so
+            writer, self._writer = self._writer, None
+            self._complain(error)
+            writer.abandon()
 
     def _has_all_until(self, end_ns: int) -> bool:
-        """Return whether everything up to the last tick is there, and the state that its command led to."""
+        """Return whether everything up to the last tick has arrived, and the state after its command."""
         last = {topic: stamps[-1] for topic, stamps in self._stamps.items() if stamps}
         commands = [last[topic] for topic in topics.RECORDED_COMMANDS if topic in last]
         return (
@@ -157,7 +151,8 @@ class TrialRecorderNode(Node):
             writer = TrialBagWriter(bag, metadata, self._recording, self.get_namespace())
             self._write_goal(writer, request.goal)
         except (TelError, ValueError) as error:
-            return self._refuse(response, error)
+            response.message = self._complain(error)
+            return response
         self._last_bag, self._trouble, self._missing = bag, "", {}
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
         self._ticks.clear()
@@ -196,16 +191,17 @@ class TrialRecorderNode(Node):
             writer.close()
         except TelError as error:
             self._writer = None
-            return self._refuse(response, error)
+            response.message = self._complain(error)
+            return response
         self._report_missing(writer.bag)
         response.topics, response.message_counts = list(writer.counts), list(writer.counts.values())
         response.success = True
         return response
 
-    def _refuse(self, response, error: Exception):  # noqa: ANN001, ANN202 - either of the two responses
-        self._trouble = response.message = str(error)
-        self.get_logger().error(str(error))
-        return response
+    def _complain(self, error: Exception) -> str:
+        self._trouble = str(error)
+        self.get_logger().error(self._trouble)
+        return self._trouble
 
     def _health(self) -> Health:
         values: dict[str, object] = {"recording": self._writer is not None, "dropped": self._dropped_last}
@@ -229,7 +225,7 @@ class TrialRecorderNode(Node):
     async def _until(
         self, condition: Callable[[], bool], timeout_s: float, progress: Callable[[], int] = lambda: 0
     ) -> None:
-        """Let other callbacks run until a condition holds, or nothing has come nearer to it for a time."""
+        """Let other callbacks run until a condition holds, or progress has stopped for a time."""
         if condition():
             return
         over: Future = Future()
@@ -247,34 +243,29 @@ class TrialRecorderNode(Node):
         self.destroy_timer(timer)
 
     def _silent(self) -> list[str]:
-        """Return the topics that nothing has come from lately.
+        """Return the topics without a recent message.
 
-        That somebody publishes a topic does not mean that the connection stands in both directions yet. Joint
-        states and control states also come between trials; commands have the controller's connection.
+        A publisher that is known need not be connected yet. Joint states and control states also come between
+        trials; commands share the controller's connection.
         """
         recently = time.monotonic() - HEARD_LATELY_S
-        return [
-            topic
-            for topic in (topics.JOINT_STATES, topics.CONTROL_STATES)
-            if self._heard_at.get(topic, 0.0) < recently
-        ]
+        return [topic for topic in topics.RECORDED_LIVE if self._heard_at.get(topic, 0.0) < recently]
 
-    def _dropped(self, result: TrialResult) -> int:
-        """Return how many of a trial's ticks have not arrived: counted, because its clock may have jumped."""
+    def _dropped(self, result: messages.TrialResult) -> int:
+        """Return how many ticks of a trial have not arrived: counted, because its clock may have jumped."""
         return max(0, result.ticks - self._ticks[result.index])
 
-    def _write_goal(self, writer: TrialBagWriter, goal: TrialGoal) -> None:
-        """Add the goal, with the time of the newest joint state: whatever a crash leaves has it."""
+    def _write_goal(self, writer: TrialBagWriter, goal: messages.TrialGoal) -> None:
+        """Add the goal, with the time of the newest joint state, and have it on the disk before a crash."""
         try:
-            goal_cdr = to_cdr("tel_interfaces/msg/TrialGoal", goal)
-            writer.write(topics.TRIAL_GOAL, self._newest_ns, goal_cdr)
+            writer.write(topics.TRIAL_GOAL, self._newest_ns, to_cdr("tel_interfaces/msg/TrialGoal", goal))
             writer.flush()
         except BagError:
             writer.abandon()
             raise
 
     def _report_missing(self, bag: Path) -> None:
-        """Say which messages have not arrived that nothing is learned from; a lost tick fails the trial."""
+        """Warn of lost messages that are not learned from; a lost tick fails the trial."""
         self._missing = missing(self._stamps)
         if self._missing:
             lost = ", ".join(f"{n} of {topic}" for topic, n in self._missing.items())

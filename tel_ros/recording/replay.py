@@ -1,4 +1,4 @@
-"""What a replay publishes, under which names and when: no graph and no clock in here."""
+"""What a replay publishes, under which names and when; without a graph and without a clock."""
 
 from __future__ import annotations
 
@@ -18,12 +18,10 @@ from tel_ros.recording import topics
 from tel_ros.recording.bag_format import is_latched, reading, type_hash
 
 PREFIX = "/replay"
-"""Put before the names of all topics: an arm, and whatever drives one, may be listening to the recorded ones.
-
-It is not to be chosen: with another one, some name could become that of a topic that moves an arm.
-"""
+"""In front of the names of all topics, because an arm may be listening to the recorded ones. Fixed: with
+another prefix some name could become that of a topic that moves an arm."""
 STANDSTILL_S = 1.0
-"""A replay that is late by more than this does not hurry after its schedule, the schedule waits for it."""
+"""A replay that is later than this does not catch up: its schedule waits for it."""
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
@@ -129,8 +127,8 @@ class Replay:
                 yield topic, max(time_ns, self.start_ns), bytes(raw)
 
 
-class Pacer:
-    """Tells when messages are due: absolute deadlines, so that lateness does not add up.
+class ReplaySchedule:
+    """When messages are due: absolute deadlines, so that delays do not add up.
 
     Args:
         rate: seconds of the bag in a second.
@@ -144,21 +142,18 @@ class Pacer:
         self.stood_still_s = 0.0
         """How long the schedule has waited for a replay that was held up."""
         self.most_late_s = 0.0
-        """Largest lateness that the schedule did not wait for."""
+        """Largest delay that the schedule did not wait for."""
 
     @property
     def paused(self) -> bool:
         """Whether time stands still."""
         return self._paused_s is not None
 
-    def pause(self, now_s: float) -> None:
-        """Let time stand still."""
-        if self._paused_s is None:
+    def set_paused(self, wanted: bool, now_s: float) -> None:
+        """Let time stand still, or go on where it stopped."""
+        if wanted and self._paused_s is None:
             self._paused_s = now_s
-
-    def resume(self, now_s: float) -> None:
-        """Let time go on where it stopped."""
-        if self._paused_s is not None:
+        elif not wanted and self._paused_s is not None:
             self._start_s += now_s - self._paused_s
             self._paused_s = None
 

@@ -17,7 +17,7 @@ from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import open_any_bag
-from tel_ros.recording.replay import STANDSTILL_S, Pacer, Replay, ReplayOptions
+from tel_ros.recording.replay import STANDSTILL_S, Replay, ReplayOptions, ReplaySchedule
 
 ROWS = [
     ("/mode", TEXT, 1 * NS_PER_S, text("fast")),
@@ -152,31 +152,31 @@ def test_a_bag_without_messages_and_one_that_was_never_closed_are_refused(
 
 
 def test_deadlines_are_absolute_and_follow_the_rate() -> None:
-    pacer = Pacer(2.0, 10 * NS_PER_S, now_s=100.0)
-    assert pacer.due_s(10 * NS_PER_S) == 100.0
-    pacer.late(11 * NS_PER_S, 100.9)  # 0.4 s late, which moves nothing
-    assert pacer.due_s(14 * NS_PER_S) == 102.0
-    assert pacer.bag_ns(101.0) == 12 * NS_PER_S
-    assert pacer.most_late_s == pytest.approx(0.4)
-    assert pacer.stood_still_s == 0.0
+    schedule = ReplaySchedule(2.0, 10 * NS_PER_S, now_s=100.0)
+    assert schedule.due_s(10 * NS_PER_S) == 100.0
+    schedule.late(11 * NS_PER_S, 100.9)  # 0.4 s late, which moves nothing
+    assert schedule.due_s(14 * NS_PER_S) == 102.0
+    assert schedule.bag_ns(101.0) == 12 * NS_PER_S
+    assert schedule.most_late_s == pytest.approx(0.4)
+    assert schedule.stood_still_s == 0.0
 
 
 def test_a_pause_moves_what_comes_after_it() -> None:
-    pacer = Pacer(1.0, 0, now_s=0.0)
-    pacer.pause(2.0)
-    pacer.pause(3.0)
-    assert pacer.paused
-    assert pacer.bag_ns(50.0) == 2 * NS_PER_S
-    pacer.resume(12.0)
-    pacer.resume(13.0)
-    assert not pacer.paused
-    assert pacer.due_s(3 * NS_PER_S) == 13.0
-    assert pacer.bag_ns(13.0) == 3 * NS_PER_S
+    schedule = ReplaySchedule(1.0, 0, now_s=0.0)
+    schedule.set_paused(True, 2.0)
+    schedule.set_paused(True, 3.0)
+    assert schedule.paused
+    assert schedule.bag_ns(50.0) == 2 * NS_PER_S
+    schedule.set_paused(False, 12.0)
+    schedule.set_paused(False, 13.0)
+    assert not schedule.paused
+    assert schedule.due_s(3 * NS_PER_S) == 13.0
+    assert schedule.bag_ns(13.0) == 3 * NS_PER_S
 
 
 def test_a_replay_that_was_held_up_goes_on_at_its_pace_instead_of_in_a_rush() -> None:
-    pacer = Pacer(1.0, 0, now_s=0.0)
-    pacer.late(1 * NS_PER_S, 1.0 + STANDSTILL_S + 4.0)
-    assert pacer.due_s(2 * NS_PER_S) == pytest.approx(2.0 + STANDSTILL_S + 4.0)
-    assert pacer.stood_still_s == pytest.approx(STANDSTILL_S + 4.0)
-    assert pacer.most_late_s == 0.0
+    schedule = ReplaySchedule(1.0, 0, now_s=0.0)
+    schedule.late(1 * NS_PER_S, 1.0 + STANDSTILL_S + 4.0)
+    assert schedule.due_s(2 * NS_PER_S) == pytest.approx(2.0 + STANDSTILL_S + 4.0)
+    assert schedule.stood_still_s == pytest.approx(STANDSTILL_S + 4.0)
+    assert schedule.most_late_s == 0.0
