@@ -26,6 +26,7 @@ import click
 from click.core import ParameterSource
 
 from tel_lab import studies
+from tel_lab.tables import write_figure
 from tel_lab.workers import Failure, Workforce
 from tel_ros.app.command_group import LazyGroup
 from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
@@ -130,27 +131,6 @@ class StudyOptions:
         self.out.mkdir(parents=True, exist_ok=True)
         write_atomically(self.out / page, text.rstrip("\n") + "\n")
         print(f"written to {self.out / page}", file=sys.stderr)
-
-
-def write_figure(
-    draw: Callable[[], Figure], path: Path, formats: Sequence[str] = ("svg", "png")
-) -> list[Path]:
-    """Draw a figure in the common style and write it in some formats; return the files.
-
-    Args:
-        draw: makes it.
-        path: of the files, without their endings.
-        formats: svg, png or pdf.
-    """
-    from tel_ros.app.plotting import figure_style, save_figure  # late: plotting takes a second to import
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    files = [path.with_suffix(f".{kind}") for kind in formats]
-    with figure_style(path.name):
-        figure = draw()
-        for file in files:
-            save_figure(figure, file)
-    return files
 
 
 def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]], click.Command]:

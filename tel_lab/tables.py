@@ -1,4 +1,4 @@
-"""Tables: columns are declared once, and written for a terminal, as Markdown and as CSV."""
+"""Tables, whose columns are declared once, for a terminal, as Markdown and as CSV; and files of figures."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rich import box
 from rich.table import Table as TerminalTable
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Row = TypeVar("Row")
 
@@ -113,3 +117,24 @@ def of_texts(headings: Sequence[str], lines: Iterable[Sequence[str]], n_words: i
         return Column(heading, lambda line: line[j], left=j < n_words)
 
     return Table([column(j, heading) for j, heading in enumerate(headings)], list(lines))
+
+
+def write_figure(
+    draw: Callable[[], Figure], path: Path, formats: Sequence[str] = ("svg", "png")
+) -> list[Path]:
+    """Draw a figure in the common style and write it in some formats; return the files.
+
+    Args:
+        draw: makes it.
+        path: of the files, without their endings.
+        formats: svg, png or pdf.
+    """
+    from tel_ros.app.plotting import figure_style, save_figure  # late: plotting takes a second to import
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files = [path.with_suffix(f".{kind}") for kind in formats]
+    with figure_style(path.name):
+        figure = draw()
+        for file in files:
+            save_figure(figure, file)
+    return files

@@ -46,7 +46,7 @@ def compare(
     same number of trials; then it is tested on the practised path and on one that it has never seen. Nothing
     of ROS runs.
     """
-    from tel_lab.comparison.comparison_table import GIVEN_NOTE, json_text, speed_text, terminal_table
+    from tel_lab.comparison.comparison_table import GIVEN_NOTE, json_text, speed_text, table, write_files
     from tel_lab.comparison.method_runs import RunFailedError, Task
     from tel_lab.comparison.method_runs import compare as compare_methods
     from tel_lab.comparison.results import MethodRun
@@ -68,8 +68,6 @@ def compare(
     except KeyboardInterrupt:
         end("interrupted", EXIT_INTERRUPTED)
     if out is not None:
-        from tel_lab.comparison.comparison_files import write_files  # late: plotting takes a second to import
-
         options = [f"--seeds {seeds}", f"--trials {trials}"]
         options += [f"--methods {','.join(names)}"] if names else []
         options += [f"--set {shlex.quote(text)}" for text in overrides]
@@ -81,7 +79,7 @@ def compare(
         click.echo(json_text(comparison))
         return
     console = Console()
-    console.print(terminal_table(comparison))
+    console.print(table(comparison).terminal())
     console.print(GIVEN_NOTE, highlight=False)
     console.print(speed_text(comparison), highlight=False)
     if out is not None:

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 
 from tel_lab.comparison.comparison_table import GIVEN_MARK, GIVEN_NOTE, NEVER, NONE, heading, middle, values
 from tel_lab.comparison.method_runs import Comparison
-from tel_lab.comparison.results import COLUMNS, Column
+from tel_lab.comparison.results import COLUMNS, MeritColumn
 from tel_ros.app.plotting import BLUE, FAINT, GREY, INK, ORANGE, SOFT
 
 WIDTH_IN = 10.5
@@ -45,7 +45,7 @@ def _colour(name: str, given: str) -> str:
     return BLUE if name.startswith(_FAMILY) else _COLOURS[given]
 
 
-def _draw(axes: Axes, comparison: Comparison, column: Column) -> None:
+def _draw(axes: Axes, comparison: Comparison, column: MeritColumn) -> None:
     everything = [v for spec in comparison.methods for v in values(comparison, column, spec.name)]
     scale = 1e3 if column.in_mrad else 1.0
     known = [scale * value for value in everything if math.isfinite(value)]
@@ -71,7 +71,7 @@ def _draw(axes: Axes, comparison: Comparison, column: Column) -> None:
         axes.plot(place(found.value), row, "o", color=colour, markersize=4.0, clip_on=False)
 
 
-def _limits(known: list[float], column: Column) -> tuple[float, float]:
+def _limits(known: list[float], column: MeritColumn) -> tuple[float, float]:
     if not known:
         return (0.0, 1.0)
     if column.in_mrad:
@@ -79,7 +79,7 @@ def _limits(known: list[float], column: Column) -> tuple[float, float]:
     return (-0.05 * max(*known, 1.0), 1.05 * max(*known, 1.0))
 
 
-def _set_up(axes: Axes, limits: tuple[float, float], column: Column, never: bool) -> float:
+def _set_up(axes: Axes, limits: tuple[float, float], column: MeritColumn, never: bool) -> float:
     """Prepare a panel and return where on its axis "never" is."""
     low, high = limits
     logarithmic = column.in_mrad and low > 0.0

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
-
-from rich import box
-from rich.table import Table
 
 from tel_lab.comparison.method_runs import Comparison
 from tel_lab.comparison.methods import Given
-from tel_lab.comparison.results import COLUMNS, Column, MethodRun
+from tel_lab.comparison.results import COLUMNS, MeritColumn, MethodRun
 from tel_lab.comparison.statistics import Median, median, standing
+from tel_lab.tables import Column, Table, of_texts, write_figure
+from tel_ros.core.errors import InputFileError
 
 GIVEN_MARK = {"nothing": "", "kinematics": " ¹", "model": " ²"}
 GIVEN_NOTE = (
@@ -24,21 +22,22 @@ GIVEN_NOTE = (
 )
 GIVENS: tuple[Given, ...] = ("nothing", "kinematics", "model")
 NONE, NEVER = "–", "never"
+NAME = "comparison"
 NONE_NOTE = f"{NONE}: a stored command sequence has nothing to say about another path."
 
 
-def values(comparison: Comparison, column: Column, method: str) -> list[float]:
+def values(comparison: Comparison, column: MeritColumn, method: str) -> list[float]:
     """Return one column of one method, in the order of the seeds."""
     return [column.value(run) for run in comparison.runs[method]]
 
 
-def middle(comparison: Comparison, column: Column, method: str) -> Median | None:
+def middle(comparison: Comparison, column: MeritColumn, method: str) -> Median | None:
     """Return the median over the arms; None if the method has no such value."""
     found = values(comparison, column, method)
     return None if any(map(math.isnan, found)) else median(found)
 
 
-def number(value: float, column: Column) -> str:
+def number(value: float, column: MeritColumn) -> str:
     """Return a value as it stands in tables: three digits that count, angles in mrad."""
     if math.isinf(value):
         return "aborted" if column.in_mrad else NEVER
@@ -46,7 +45,7 @@ def number(value: float, column: Column) -> str:
     return f"{shown:.0f}" if shown >= 100.0 or shown == round(shown) else f"{shown:.3g}"
 
 
-def cell(found: Median | None, column: Column) -> str:
+def cell(found: Median | None, column: MeritColumn) -> str:
     """Return a median with its interval in brackets; without one where there are too few arms for it."""
     if found is None:
         return NONE
@@ -56,7 +55,7 @@ def cell(found: Median | None, column: Column) -> str:
     return f"{middle_text} [{number(found.low, column)}, {number(found.high, column)}]"
 
 
-def heading(column: Column) -> str:
+def heading(column: MeritColumn) -> str:
     """Return the title of a column with its unit."""
     return f"{column.title} [mrad]" if column.in_mrad else column.title
 
@@ -68,36 +67,30 @@ def rows(comparison: Comparison) -> Iterator[list[str]]:
         yield [spec.title + GIVEN_MARK[spec.given], *cells]
 
 
-def terminal_table(comparison: Comparison) -> Table:
-    """Return the table for a terminal."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("method")
-    for column in COLUMNS:
-        table.add_column(heading(column), justify="right")
-    for row in rows(comparison):
-        table.add_row(*row)
-    return table
+def table(comparison: Comparison) -> Table[list[str]]:
+    """Return the table of medians: a row a method."""
+    return of_texts(["method", *map(heading, COLUMNS)], rows(comparison))
 
 
 def csv_text(comparison: Comparison) -> str:
     """Return one line a method and arm; angles in rad, ``inf`` for never and aborted, empty for none."""
-    text = io.StringIO()
-    keys = ["method", "seed", *(column.key for column in COLUMNS), "trials", "arm_s", "message"]
-    writer = csv.DictWriter(text, keys, lineterminator="\n")
-    writer.writeheader()
-    for run in all_runs(comparison):
-        numbers = {column.key: column.value(run) for column in COLUMNS}
-        writer.writerow(
-            {
-                "method": run.method,
-                "seed": run.seed,
-                **{key: "" if math.isnan(value) else f"{value:.6g}" for key, value in numbers.items()},
-                "trials": len(run.trials),
-                "arm_s": f"{run.arm_s:.3f}",
-                "message": run.message,
-            }
-        )
-    return text.getvalue()
+
+    def figure(column: MeritColumn) -> Column[MethodRun]:
+        return Column(column.key, lambda run: _six_digits(column.value(run)))
+
+    columns: list[Column[MethodRun]] = [
+        Column("method", lambda run: run.method),
+        Column("seed", lambda run: run.seed),
+        *map(figure, COLUMNS),
+        Column("trials", lambda run: len(run.trials)),
+        Column("arm_s", lambda run: f"{run.arm_s:.3f}"),
+        Column("message", lambda run: run.message),
+    ]
+    return Table(columns, all_runs(comparison)).csv()
+
+
+def _six_digits(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def all_runs(comparison: Comparison) -> list[MethodRun]:
@@ -175,22 +168,6 @@ def speed_text(comparison: Comparison) -> str:
     )
 
 
-def markdown(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """Return a table whose columns line up as text."""
-    table = [header, *body]
-    widths = [max(len(row[j]) for row in table) for j in range(len(header))]
-
-    def line(row: Sequence[str]) -> str:
-        padded = (
-            text.rjust(width) if j else text.ljust(width)
-            for j, (text, width) in enumerate(zip(row, widths, strict=True))
-        )
-        return f"| {' | '.join(padded)} |"
-
-    rule = "| " + " | ".join("-" * (w - 1) + ":" if j else "-" * w for j, w in enumerate(widths)) + " |"
-    return "\n".join([line(header), rule, *map(line, body)])
-
-
 def page(comparison: Comparison, command: str, figure: str) -> str:
     """Return the page with table, figure and standings.
 
@@ -201,18 +178,15 @@ def page(comparison: Comparison, command: str, figure: str) -> str:
     """
     runs = comparison.runs[comparison.methods[0].name]
     tolerance = f"{1e3 * runs[0].tolerance_rad:g} mrad RMS at {runs[0].goal_duration_s:g} s"
-    table = markdown(["method", *map(heading, COLUMNS)], list(rows(comparison)))
     methods = "\n".join(f"- *{spec.title}*: {spec.note}" for spec in comparison.methods)
-    places = markdown(
-        ["", *(column.title for column in COLUMNS)], list(standings(comparison, "tel_adaptive"))
-    )
+    places = of_texts(["", *(column.title for column in COLUMNS)], standings(comparison, "tel_adaptive"))
     return f"""# TEL in comparison
 
 Made by `{command}`: {len(runs)} arms, the same ones with the
 same noise and the same new path for all methods. Tolerance: {tolerance}. Medians over the arms, in brackets
 their 95 % intervals between order statistics.
 
-{table}
+{table(comparison).markdown()}
 
 {GIVEN_NOTE}
 {NONE_NOTE} *{NEVER}*: not within the budget.
@@ -225,7 +199,7 @@ Against all other methods that are told no more of the arm than it is. *First*: 
 *Tied*: the one that is named has, but a sign test over the arms does not tell the two apart at 5 % (it takes
 at least five arms to tell any two apart). *Behind*: it does.
 
-{places}
+{places.markdown()}
 
 ## The methods
 
@@ -238,3 +212,32 @@ learn from what was recorded, TEL adaptive goes back.
 
 {speed_text(comparison)}.
 """
+
+
+def write_files(comparison: Comparison, folder: Path, command: str) -> None:
+    """Write comparison.csv, .json, .md, .svg and .png into a folder; files of these names are replaced.
+
+    Args:
+        comparison: all results.
+        folder: is made if it is missing.
+        command: what made it, for the page.
+
+    Raises:
+        InputFileError: the folder cannot be written to.
+    """
+    from tel_lab.comparison.comparison_figure import comparison_figure  # late: plotting takes a second
+
+    texts = {
+        "csv": csv_text(comparison),
+        "json": json_text(comparison) + "\n",
+        "md": page(comparison, command, f"{NAME}.svg"),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix, text in texts.items():
+            (folder / f"{NAME}.{suffix}").write_text(text, encoding="utf-8")
+        write_figure(lambda: comparison_figure(comparison), folder / NAME)
+    except OSError as error:
+        raise InputFileError(
+            folder, f"cannot be written to ({error.strerror})", "a folder of your own"
+        ) from None

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tel_lab.comparison.feedforward import Feedforward
-from tel_lab.comparison.method import Method
 from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
 from tel_lab.comparison.results import MethodRun, TrialResult
+from tel_lab.comparison.servo_methods import Feedforward, Method
 from tel_lab.random_path import random_smooth_path
 from tel_lab.workers import Failure, Workforce
 from tel_ros.core.config import ArmConfig, Config

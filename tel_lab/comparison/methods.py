@@ -8,11 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from tel_lab.comparison.feedback_error import FeedbackErrorLearning
-from tel_lab.comparison.feedforward import Feedforward, servo, with_velocity_reference
-from tel_lab.comparison.iterative_learning import IterativeLearningControl
-from tel_lab.comparison.method import Method
-from tel_lab.comparison.virtual_trajectory import VirtualTrajectoryLearning
+from tel_lab.comparison.servo_methods import (
+    FeedbackErrorLearning,
+    Feedforward,
+    Method,
+    servo,
+    with_velocity_reference,
+)
+from tel_lab.comparison.stored_command import IterativeLearningControl, VirtualTrajectoryLearning
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -110,27 +109,33 @@ def _error(trial: TrialResult) -> float:
 
 
 @dataclass(frozen=True)
-class Column:
+class MeritColumn:
     """A figure of merit; less is better.
 
     Args:
-        key: for files.
+        key: name of a property of :class:`MethodRun`; angles in rad end in ``_rad`` and are shown in mrad.
         title: for tables.
-        value: of a run.
-        in_mrad: whether it is an angle in rad, to be shown in mrad.
     """
 
     key: str
     title: str
-    value: Callable[[MethodRun], float]
-    in_mrad: bool = False
+
+    @property
+    def in_mrad(self) -> bool:
+        """Whether it is an angle."""
+        return self.key.endswith("_rad")
+
+    def value(self, run: MethodRun) -> float:
+        """Return the figure of a run."""
+        value: float = getattr(run, self.key)
+        return value
 
 
 COLUMNS = (
-    Column("trials_to_tolerance", "trials to tolerance", lambda run: run.trials_to_tolerance),
-    Column("arm_s_to_tolerance", "arm seconds to tolerance", lambda run: run.arm_s_to_tolerance),
-    Column("final_error_rad", "final RMS error", lambda run: run.final_error_rad, in_mrad=True),
-    Column("largest_deviation_rad", "largest deviation", lambda run: run.largest_deviation_rad, in_mrad=True),
-    Column("aborts", "aborts", lambda run: run.aborts),
-    Column("new_path_error_rad", "RMS error on a new path", lambda run: run.new_path_error_rad, in_mrad=True),
+    MeritColumn("trials_to_tolerance", "trials to tolerance"),
+    MeritColumn("arm_s_to_tolerance", "arm seconds to tolerance"),
+    MeritColumn("final_error_rad", "final RMS error"),
+    MeritColumn("largest_deviation_rad", "largest deviation"),
+    MeritColumn("aborts", "aborts"),
+    MeritColumn("new_path_error_rad", "RMS error on a new path"),
 )

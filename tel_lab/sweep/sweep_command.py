@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,13 +12,14 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tel_lab.sweep.plan import MapPlan, SweepFile, make_plan, read_sweep_file
+from tel_lab.sweep.plan import SweepFile, make_plan, read_sweep_file
 from tel_ros.app.config_argument import config_argument
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 from tel_ros.core.errors import TelError
 
 if TYPE_CHECKING:
-    from tel_lab.sweep.sweep import Row, Sweep
+    from tel_lab.sweep.sweep import Sweep
+    from tel_lab.tables import write_figure
     from tel_lab.workers import Executor, Workforce
 
 
@@ -105,7 +107,9 @@ def sweep(
     rows = work.rows()
     files = work.folder.write_table(rows)
     if plan.map is not None and rows:
-        files += _draw(plan.map, rows, work.folder.path)
+        from tel_lab.sweep.verdict_map import map_figure  # late: plotting takes a second to import
+
+        files += write_figure(partial(map_figure, rows, plan.map), work.folder.path / "map", ("png", "svg"))
     if as_json:
         click.echo(json.dumps(rows, indent=2))
     else:
@@ -136,9 +140,3 @@ def _run(work: Sweep, workforce: Workforce) -> None:
 
     with bar:
         work.run(workforce, show)
-
-
-def _draw(plan: MapPlan, rows: list[Row], folder: Path) -> list[Path]:
-    from tel_lab.sweep.verdict_map import write_map  # late: plotting takes a second to import
-
-    return write_map(rows, plan, folder / "map")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -15,7 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from tel_lab.sweep.plan import MapPlan
 from tel_lab.sweep.point import FAILED, MEASURES
-from tel_ros.app.plotting import INK, PAPER, SOFT, WIDTH_IN, figure_style, save_figure
+from tel_ros.app.plotting import INK, PAPER, SOFT, WIDTH_IN
 
 Row = Mapping[str, Any]
 
@@ -66,25 +65,6 @@ def verdict(row: Row, tolerance_rad: float) -> Verdict:
     if "diverges" in warning and final_rad > (row["rms_first_rad"] or 0.0):
         return Verdict.UNSTABLE
     return Verdict.LOCKED_UP if "lock-up" in warning else Verdict.ABOVE
-
-
-def write_map(rows: Sequence[Row], plan: MapPlan, beside: Path) -> list[Path]:
-    """Draw the map as PNG and SVG.
-
-    Args:
-        rows: the table of the sweep; not empty.
-        plan: what goes where.
-        beside: name of the files, without their endings.
-
-    Returns:
-        The files.
-    """
-    files = [beside.with_suffix(".png"), beside.with_suffix(".svg")]
-    with figure_style(beside.name):
-        figure = map_figure(rows, plan)
-        for file in files:
-            save_figure(figure, file)
-    return files
 
 
 def map_figure(rows: Sequence[Row], plan: MapPlan) -> Figure:

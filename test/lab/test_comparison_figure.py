@@ -10,7 +10,7 @@ from made_up_comparison import N_ARMS, made_up_comparison
 from matplotlib.axes import Axes
 
 from tel_lab.comparison.comparison_figure import comparison_figure
-from tel_lab.comparison.comparison_files import write_files
+from tel_lab.comparison.comparison_table import write_files
 from tel_lab.comparison.results import COLUMNS
 from tel_ros.core.errors import InputFileError
 

@@ -17,7 +17,7 @@ from tel_lab.comparison.comparison_table import (
     rows,
     speed_text,
     standings,
-    terminal_table,
+    table,
 )
 
 
@@ -78,8 +78,8 @@ def test_the_page_shows_the_table_the_figure_and_the_command() -> None:
     text = page(made_up_comparison(), "tel compare x.yaml", "comparison.svg")
     assert "`tel compare x.yaml`" in text
     assert "](comparison.svg)" in text
-    table = [line for line in text.splitlines() if line.startswith("| ")]
-    assert len({line.count("|") for line in table}) == 1
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    assert len({line.count("|") for line in lines}) == 1
     assert "behind: iterative learning control" in text
 
 
@@ -92,6 +92,6 @@ def test_the_speed_is_arm_time_over_elapsed_time() -> None:
 
 def test_the_terminal_shows_every_method() -> None:
     console = Console(width=200, record=True, file=io.StringIO())
-    console.print(terminal_table(made_up_comparison()))
+    console.print(table(made_up_comparison()).terminal())
     text = console.export_text()
     assert all(title in text for title in by_title())

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from itertools import product
-from pathlib import Path
 
 import pytest
 
 from tel_lab.sweep.plan import MapPlan
 from tel_lab.sweep.point import failure
-from tel_lab.sweep.verdict_map import Verdict, map_figure, verdict, write_map
+from tel_lab.sweep.verdict_map import Verdict, map_figure, verdict
 
 PLAN = MapPlan(x="sim.inertia_scale", y="practice.goal_duration_s", tolerance_rad=0.02)
 GOOD = {
@@ -80,9 +79,3 @@ def test_the_line_encloses_what_needs_more_effort_than_there_is() -> None:
     # Beyond is only inertia 4 at 3 s: the cell at the upper right, with four sides.
     sides = {(tuple(line.get_xdata()), tuple(line.get_ydata())) for line in axes.lines}
     assert sides == {((2, 2), (1, 2)), ((3, 3), (1, 2)), ((2, 3), (1, 1)), ((2, 3), (2, 2))}
-
-
-def test_equal_tables_give_equal_files(tmp_path: Path) -> None:
-    first = [file.read_bytes() for file in write_map(rows(), PLAN, tmp_path / "map")]
-    assert first == [file.read_bytes() for file in write_map(rows(), PLAN, tmp_path / "map")]
-    assert {file.name for file in tmp_path.iterdir()} == {"map.png", "map.svg"}

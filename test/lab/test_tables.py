@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import math
+from pathlib import Path
 
+from matplotlib.figure import Figure
 from rich.console import Console
 
-from tel_lab.tables import Column, Table, of_texts
+from tel_lab.tables import Column, Table, of_texts, write_figure
 
 TABLE = Table(
     [
@@ -42,3 +44,14 @@ def test_a_terminal_shows_units_in_brackets() -> None:
 def test_texts_that_are_there_already_make_a_table() -> None:
     table = of_texts(("a", "b"), [("x", "1")])
     assert table.markdown() == "| a   |   b |\n| --- | --: |\n| x   |   1 |"
+
+
+def test_equal_figures_give_equal_files(tmp_path: Path) -> None:
+    def draw() -> Figure:
+        figure = Figure()
+        figure.subplots().plot([1.0, 2.0], label="line")
+        return figure
+
+    first = [file.read_bytes() for file in write_figure(draw, tmp_path / "new" / "map")]
+    assert first == [file.read_bytes() for file in write_figure(draw, tmp_path / "new" / "map")]
+    assert {file.name for file in (tmp_path / "new").iterdir()} == {"map.png", "map.svg"}

@@ -1,17 +1,88 @@
-"""Feedback-error learning: an inverse model that learns from what the servo had to add."""
+"""Methods that have a command for any movement: servos, and feedback-error learning."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
-from tel_lab.comparison.feedforward import with_velocity_reference
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.signals import TrialSignals, configured_samples
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray
+
+
+class Method(Protocol):
+    """A way to find the commands of a movement. It changes with each trial that it learns from."""
+
+    learns: bool
+    """Whether trials change it; what does not learn does the same again in every trial."""
+    transfers: bool
+    """Whether it has a command for a movement that it never executed."""
+
+    def command(self, desired: DesiredTrajectory) -> FloatArray:
+        """Return the equilibrium trajectory û [rad] to send for a desired one. Shape (n, n_joints).
+
+        Raises:
+            TrajectoryError: it has none for this movement.
+        """
+        ...
+
+    def learn(self, trial: TrialSignals, completed: bool) -> None:
+        """Take in a trial.
+
+        Args:
+            trial: as recorded.
+            completed: False if it was aborted; the record ends with the abort then.
+
+        Raises:
+            TrainingError: it cannot be learned from; the method stays as it was.
+        """
+        ...
+
+
+class Feedforward:
+    """û = y + N(y) with an N that never changes.
+
+    Args:
+        predict: N, from inputs (q, q̇, q̈) of shape (n, 3 * n_joints) to offsets u - q [rad] of shape
+            (n, n_joints).
+        control_period_s: how long one command acts.
+    """
+
+    learns, transfers = False, True
+
+    def __init__(self, predict: Callable[[FloatArray], FloatArray], control_period_s: float) -> None:
+        self._predict, self._period_s = predict, control_period_s
+
+    def command(self, desired: DesiredTrajectory) -> FloatArray:
+        """Return û [rad]. Shape (n, n_joints)."""
+        offset: FloatArray = self._predict(query_inputs(desired, self._period_s))
+        return desired.position_rad + offset
+
+    def learn(self, trial: TrialSignals, completed: bool) -> None:
+        """Do nothing."""
+
+
+def servo(control_period_s: float) -> Feedforward:
+    """Return what every arm can do: the equilibrium point is the desired position."""
+    return Feedforward(lambda inputs: np.zeros((len(inputs), inputs.shape[1] // 3)), control_period_s)
+
+
+def with_velocity_reference(desired: DesiredTrajectory, damping_s: FloatArray) -> FloatArray:
+    """Return û [rad] of the servo τ = K (y - q) + B (ẏ - q̇), the usual form: û = y + K⁻¹ B ẏ.
+
+    Whoever chose K and B knows it without any model of the arm.
+
+    Args:
+        desired: y.
+        damping_s: K⁻¹ B. Shape (n_joints,).
+    """
+    reference: FloatArray = desired.position_rad + damping_s * desired.velocity_rad_s
+    return reference
 
 
 class FeedbackErrorLearning:

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from servo_joint import DAMPING_S, PERIOD_S, execute, rms_error, swing
 
-from tel_lab.comparison.feedforward import with_velocity_reference
-from tel_lab.comparison.iterative_learning import IlcGains, IterativeLearningControl
-from tel_lab.comparison.stored_command import StoredCommand
-from tel_lab.comparison.virtual_trajectory import VirtualTrajectoryLearning
-from tel_lab.comparison.zero_phase import zero_phase
+from tel_lab.comparison.servo_methods import with_velocity_reference
+from tel_lab.comparison.stored_command import (
+    IlcGains,
+    IterativeLearningControl,
+    StoredCommand,
+    VirtualTrajectoryLearning,
+    zero_phase,
+)
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray

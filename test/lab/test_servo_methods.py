@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from servo_joint import DAMPING, INERTIA, PERIOD_S, STIFFNESS, execute, rms_error, swing
 
-from tel_lab.comparison.feedback_error import FeedbackErrorLearning
-from tel_lab.comparison.feedforward import Feedforward, servo
+from tel_lab.comparison.servo_methods import FeedbackErrorLearning, Feedforward, servo
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
