@@ -32,7 +32,7 @@ from tel_lab.inverse_dynamics.recorded_arm import (
 )
 from tel_lab.study import StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_ros.app.imported import ImportRequest, extrapolation_warning, import_and_train
+from tel_ros.app.torque_import import ImportRequest, extrapolation_warning, import_and_train
 from tel_ros.core.learning.noise import low_pass
 from tel_ros.core.learning.torque_fit import HeldOutError, held_out_error, predict_torque
 from tel_ros.core.learning.torque_samples import chosen_cutoff_hz, motion, torque_samples

@@ -20,7 +20,7 @@ _COMES_WITH = {
     "rclpy": "ROS 2 Jazzy: a sourced installation, or pip install 'tel_ros[ros]'",
     "tel_interfaces": "the wheel of that name beside that of tel_ros (`make dist`), or colcon",
 }
-"""What the parts of tel that not everybody needs come from, by the Python module."""
+"""Python module to what installs it, for the parts of tel that not everybody needs."""
 
 
 class LazyGroup(click.Group):
@@ -76,17 +76,22 @@ class CommandGroup(LazyGroup):
         except TelError as error:
             end(str(error), EXIT_BAD_INPUT)
         except ModuleNotFoundError as error:
-            source = _COMES_WITH.get((error.name or "").split(".")[0])
-            if source is None:
+            if (error.name or "").split(".")[0] not in _COMES_WITH:
                 _end_unexpected(error)
-            end(f"this needs the Python module {error.name}, which comes with {source}", EXIT_GRAPH_FAILED)
+            end(f"this {missing_module(error)}", EXIT_GRAPH_FAILED)
         except Exception as error:
             _end_unexpected(error)
 
 
+def missing_module(error: ModuleNotFoundError) -> str:
+    """Return which module is missing, and what it comes with if it is one of ours."""
+    source = _COMES_WITH.get((error.name or "").split(".")[0])
+    return f"needs the Python module {error.name}" + (f", which comes with {source}" if source else "")
+
+
 def _end_unexpected(error: Exception) -> NoReturn:
     frame = traceback.extract_tb(error.__traceback__)[-1]
-    hint = "" if wants_traceback() else "; TEL_DEBUG=1 shows how it came to that"
+    hint = "" if wants_traceback() else "; TEL_DEBUG=1 shows the traceback"
     where = f"{frame.filename}:{frame.lineno}"
     said = " ".join(str(error).split())
     end(f"unexpected {type(error).__name__}: {said} ({where}){hint}", EXIT_GRAPH_FAILED)

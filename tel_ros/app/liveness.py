@@ -1,4 +1,4 @@
-"""Noticing that a node has a process but does not answer any more."""
+"""Noticing that a node whose process lives no longer answers."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tel_ros.app.errors import GraphError
 
 ASK_PERIOD_S = 2.0
 SILENCE_TIMEOUT_S = 20.0
-"""A machine that stands still for some seconds is no dead node."""
+"""A machine may stand still for some seconds."""
 
 
 class Liveness:
-    """Asks a node for nothing, again and again: whoever spins, answers.
+    """Asks a node for no parameters, again and again; its executor answers.
 
-    For nodes whose executor always has a thread to spare: one that computes in its only thread looks dead.
+    Only for nodes whose executor has a thread to spare: one that computes in its only thread looks dead.
 
     Args:
         node: that asks; its owner spins it.

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tel_ros.app.command_group import missing_module
 from tel_ros.app.config_argument import ConfigFile, namespace_option
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
@@ -28,7 +29,6 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
 
 _PROGRESS = Console(stderr=True)
-_OUT = Console()
 
 
 @click.command()
@@ -97,13 +97,9 @@ def practice(
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        end(
-            "interrupted: the arm was brought to rest and all nodes have ended" + _left(folder),
-            EXIT_INTERRUPTED,
-        )
+        text = f"interrupted: the arm was brought to rest and all nodes have ended{_left(folder)}"
+        end(text, EXIT_INTERRUPTED)
     try:
         summary = read_summary(folder)
     except TelError as error:  # a full disk may have left none
@@ -119,15 +115,16 @@ def practice(
 
 def _report_at_the_end(folder: Path, as_json: bool) -> None:
     """Make the report of a run that has ended; if that fails, the run is still what it was."""
-    from tel_ros.app.report.run import write_report  # late: plotting takes a second to import
-
     try:
+        from tel_ros.app.report.run import write_report  # imported late: plotting takes a second to import
+
         file = write_report(folder)
     except (TelError, ModuleNotFoundError) as error:
-        click.echo(f"tel: no report: {error} (`tel report {folder}` makes it later)", err=True)
+        why = missing_module(error) if isinstance(error, ModuleNotFoundError) else str(error)
+        click.echo(f"tel: no report: {why} (`tel report {folder}` makes it later)", err=True)
         return
     if not as_json:
-        _OUT.print(f"report  {file}", highlight=False, soft_wrap=True)
+        click.echo(f"report  {file}")
 
 
 def _show(summary: dict, folder: Path, as_json: bool) -> None:
@@ -136,19 +133,18 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(summary, indent=2))
         return
-    _OUT.print(trial_table(summary["trials"]))
-    warned = [trial for trial in summary["trials"] if trial["warning"]]
-    if warned:  # the last one knows most
-        text = f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}"
-        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
-    irregular = [trial for trial in summary["trials"] if trial["timing"] and trial["timing"]["warning"]]
+    trials = summary["trials"]
+    Console().print(trial_table(trials))
+    warned = [trial for trial in trials if trial["warning"]]
+    if warned:  # the last one is based on most trials
+        click.echo(f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}")
+    irregular = [trial for trial in trials if trial["timing"] and trial["timing"]["warning"]]
     if irregular:
-        text = f"note    {len(irregular)} of {len(summary['trials'])} trials had bad timing, the last one: "
-        text += f"trial {irregular[-1]['index']}: {irregular[-1]['timing']['warning']} (docs/realtime.md)"
-        _OUT.print(text, highlight=False, soft_wrap=True, markup=False)
+        last = f"trial {irregular[-1]['index']}: {irregular[-1]['timing']['warning']} (docs/realtime.md)"
+        click.echo(f"note    {len(irregular)} of {len(trials)} trials had bad timing, the last one: {last}")
     if summary["outcome"] == "completed" and summary["message"]:
-        _OUT.print(f"result  {summary['message']}", highlight=False, soft_wrap=True)
-    _OUT.print(f"run     {folder}", highlight=False, soft_wrap=True)
+        click.echo(f"result  {summary['message']}")
+    click.echo(f"run     {folder}")
 
 
 def _left(folder: Path) -> str:

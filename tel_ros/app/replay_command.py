@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import select
 import signal
+import sys
+import termios
+import tty
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tel_ros.app.config_argument import namespace_option
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
-from tel_ros.app.keyboard import SpaceBar
+from tel_ros.app.errors import EXIT_INTERRUPTED, end
 from tel_ros.core.errors import TelError
 
 if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer
 
 _LATE_S = 0.02
-"""Latency that is worth a word: more than a loop of 50 Hz would notice."""
+"""Delays above this are reported: a loop at 50 Hz would notice them."""
 
 
 @click.command()
@@ -60,10 +64,10 @@ def replay(
     tel replay BAG --states-to-nodes                       recorded joint states for a live ep_controller
 
     BAG is any rosbag2: a folder, or its .mcap or .db3 file. No topic keeps its name, because an arm may be
-    listening; the joint states do with --states-to-nodes, recorded commands never do. The space bar, or the
-    service /replay/pause, stops and continues.
+    listening; joint states keep theirs with --states-to-nodes, recorded commands never do. The space bar and
+    the service /replay/pause pause and continue.
 
-    Exit codes: 0 done, 2 wrong input, or somebody is there for whom the replay is a danger, 130 interrupted.
+    Exit codes: 0 done, 2 wrong input, or the replay is refused as a danger to an arm, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
     from tel_ros.nodes.bag_player import BagPlayer
@@ -86,37 +90,15 @@ def replay(
                 plan,
                 with_clock=with_clock,
                 toggled=space_bar.pressed,
-                on_pause=_say_pause,
+                on_pause=lambda paused: click.echo("paused" if paused else "continues"),
                 namespace=namespace,
             ) as player:
-                _say_what_comes(bag, player, space_bar.works)
+                _announce(bag, player, space_bar.works)
                 player.play(rate)
                 while loop:
                     player.play(rate)
-            _say_what_was(player)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         end("interrupted: nothing is published any more", EXIT_INTERRUPTED)
-
-
-def _say_what_comes(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
-    for line in player.skipped:
-        click.echo(f"tel: {line}", err=True)
-    if not player.played:
-        raise TelError(f"{bag}: nothing of it can be published here")
-    for topic in player.played:
-        count, name = topic.connection.msgcount, player.node.resolve_topic_name(topic.name)
-        click.echo(f"{topic.connection.topic} → {name} ({count} message{'s' * (count != 1)})")
-    if has_keyboard:
-        click.echo("space bar: pause and continue; Ctrl-C: end")
-
-
-def _say_pause(paused: bool) -> None:
-    click.echo("paused" if paused else "goes on")
-
-
-def _say_what_was(player: BagPlayer) -> None:
     click.echo(f"{player.published} messages published")
     if player.stood_still_s > 0.0:
         click.echo(f"tel: the replay stood still for {player.stood_still_s:.1f} s in all", err=True)
@@ -124,5 +106,51 @@ def _say_what_was(player: BagPlayer) -> None:
         click.echo(f"tel: messages were up to {1e3 * player.most_late_s:.0f} ms late", err=True)
 
 
-if __name__ == "__main__":
-    replay()
+def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
+    for line in player.skipped:
+        click.echo(f"tel: {line}", err=True)
+    if not player.played:
+        raise TelError(f"{bag}: none of its topics can be published here")
+    for topic in player.played:
+        count, name = topic.connection.msgcount, player.node.resolve_topic_name(topic.name)
+        click.echo(f"{topic.connection.topic} → {name} ({count} message{'s' * (count != 1)})")
+    if has_keyboard:
+        click.echo("space bar: pause and continue; Ctrl-C: end")
+
+
+class SpaceBar:
+    """Tells whether the space bar was pressed; without a terminal it never is. Ctrl-C and Ctrl-Z work."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else None
+        self._before: list | None = None
+
+    def __enter__(self) -> SpaceBar:
+        """Have keys come one by one."""
+        # Touching the terminal would stop a process in the background.
+        if self._terminal is not None and os.tcgetpgrp(self._terminal) == os.getpgrp():
+            self._before = termios.tcgetattr(self._terminal)
+            tty.setcbreak(self._terminal)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Leave the terminal as it was."""
+        if self._before is not None:
+            termios.tcsetattr(self._terminal, termios.TCSADRAIN, self._before)
+
+    @property
+    def works(self) -> bool:
+        """Whether there is a terminal to listen to."""
+        return self._before is not None
+
+    def pressed(self) -> bool:
+        """Return whether it was pressed an odd number of times since the last call."""
+        if self._before is None or os.tcgetpgrp(self._terminal) != os.getpgrp():
+            return False
+        spaces = 0
+        while select.select([self._terminal], [], [], 0.0)[0]:
+            keys = os.read(self._terminal, 64)
+            if not keys:
+                break
+            spaces += keys.count(b" ")
+        return spaces % 2 == 1

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from rich.console import Console
 
 from tel_ros.app import practice_command
 from tel_ros.app.cli import main
@@ -112,7 +110,9 @@ def test_help_names_the_commands_and_the_exit_codes() -> None:
         assert part in out
 
 
-def test_a_warning_about_learning_is_said_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_warning_about_learning_is_said_at_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     numbers = (
         "alpha",
         "duration_s",
@@ -124,10 +124,7 @@ def test_a_warning_about_learning_is_said_at_the_end(tmp_path: Path, monkeypatch
     trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed", "timing": None}
     warnings = ["", "learning lock-up: [early]", "learning lock-up: [late]", ""]
     trials = [{**trial, "index": k, "warning": text} for k, text in enumerate(warnings, start=1)]
-    shown = io.StringIO()
-    monkeypatch.setattr(practice_command, "_OUT", Console(file=shown, width=200))
-    practice_command._show(
-        {"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, as_json=False
-    )
-    assert "trial 3: learning lock-up: [late]" in shown.getvalue()
-    assert "early" not in shown.getvalue()
+    practice_command._show({"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, False)
+    shown = capsys.readouterr().out
+    assert "trial 3: learning lock-up: [late]" in shown
+    assert "early" not in shown

@@ -30,7 +30,7 @@ def write(file: Path, recording: JointRecording) -> Path:
 
 
 def run_import(*arguments: object) -> Result:
-    return CliRunner().invoke(train, ["--import", *(str(argument) for argument in arguments)])
+    return CliRunner().invoke(main, ["train", "--import", *(str(argument) for argument in arguments)])
 
 
 def run_predict(*arguments: object) -> Result:

@@ -1,8 +1,7 @@
-"""From recordings of any arm to a network of its torques, and what is to be said of it."""
+"""From recordings of any arm to a network of its torques, and how good it is."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from tel_ros.core.learning.torque_samples import Excitation, TorqueSamples, exci
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.recordings import read_sources
 from tel_ros.recording.network_file import revision, save_network
+from tel_ros.recording.run_folder import json_ready
 from tel_ros.recording.shared_files import named_file
 from tel_ros.recording.urdf import arm_description
 
@@ -39,8 +39,7 @@ class ImportRequest:
         urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
         topic: of bags; empty: the one that has efforts.
         joints: to learn; empty: all with efforts.
-        rate_hz: of the samples that are learned from, at most. What is filtered below 15 Hz has nothing more
-            to tell at a higher one.
+        rate_hz: of the samples that are learned from, at most; after a filter at 15 Hz, more add nothing.
         cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
         weights: how trees find their weights.
         max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
@@ -75,34 +74,14 @@ class ImportRequest:
 
 
 @dataclass(frozen=True)
-class RecordingReport:
-    """What one recording was.
-
-    Args:
-        source: file and topic.
-        n_samples: as recorded.
-        duration_s: from the first to the last.
-        rate_hz: median.
-        jitter_s: standard deviation of the time between samples.
-    """
-
-    source: str
-    n_samples: int
-    duration_s: float
-    rate_hz: float
-    jitter_s: float
-
-
-@dataclass(frozen=True)
 class ImportReport:
-    """What was learned, and what it is worth.
+    """What was learned, and how good it is.
 
     Args:
         network: file.
         revision: of the network.
         learner: name.
-        joints: names, in the order of all arrays.
-        recordings: one by one.
+        recordings: source, samples, duration, median rate and jitter (std of the period) of each.
         n_parts: unbroken stretches of time.
         learned_s: what was learned from, without the ends of the parts.
         cutoff_hz: lowest and highest of the filters (half of the rate where none was needed).
@@ -115,8 +94,7 @@ class ImportReport:
     network: Path
     revision: str
     learner: str
-    joints: tuple[str, ...]
-    recordings: tuple[RecordingReport, ...]
+    recordings: tuple[dict[str, Any], ...]
     n_parts: int
     learned_s: float
     cutoff_hz: tuple[float, float]
@@ -126,42 +104,45 @@ class ImportReport:
     warnings: tuple[str, ...]
 
     def as_plain(self) -> dict[str, Any]:
-        """Return it as values that JSON holds."""
+        """Return it as values that JSON holds; null for what is not finite."""
         held_out = self.fit.held_out
-        return {
-            "network": str(self.network),
-            "revision": self.revision,
-            "predicts": "torque",
-            "learner": self.learner,
-            "recordings": [dataclasses.asdict(recording) for recording in self.recordings],
-            "unbroken_parts": self.n_parts,
-            "learned_s": self.learned_s,
-            "cutoff_hz": list(self.cutoff_hz),
-            "held_out": {
-                "blocks": self.fit.n_blocks,
-                "block_s": self.fit.block_s,
-                "samples": held_out.n_samples,
-                "mean_nmse": float(held_out.nmse.mean()),
-                "extrapolated_share": held_out.extrapolated,
-            },
-            "condition": _finite(self.excitation.condition),
-            "joints": [
-                {
-                    "joint": joint,
-                    "nmse": float(held_out.nmse[j]),
-                    "rms_nm": float(held_out.rms_nm[j]),
-                    "expected_rms_nm": _finite(float(held_out.expected_rms_nm[j])),
-                    "torque_std_nm": float(self.torque_std_nm[j]),
-                    "position_rad": list(excited.position_rad),
-                    "velocity_rad_s": excited.velocity_rad_s,
-                    "acceleration_rad_s2": excited.acceleration_rad_s2,
-                    "condition": _finite(excited.condition),
-                    "acceleration_snr": excited.acceleration_snr,
-                }
-                for j, (joint, excited) in enumerate(zip(self.joints, self.excitation.joints, strict=True))
-            ],
-            "warnings": list(self.warnings),
-        }
+        plain: dict[str, Any] = json_ready(
+            {
+                "network": str(self.network),
+                "revision": self.revision,
+                "predicts": "torque",
+                "learner": self.learner,
+                "recordings": list(self.recordings),
+                "unbroken_parts": self.n_parts,
+                "learned_s": self.learned_s,
+                "cutoff_hz": list(self.cutoff_hz),
+                "held_out": {
+                    "blocks": self.fit.n_blocks,
+                    "block_s": self.fit.block_s,
+                    "samples": held_out.n_samples,
+                    "mean_nmse": float(held_out.nmse.mean()),
+                    "extrapolated_share": held_out.extrapolated,
+                },
+                "condition": self.excitation.condition,
+                "joints": [
+                    {
+                        "joint": excited.joint,
+                        "nmse": float(held_out.nmse[j]),
+                        "rms_nm": float(held_out.rms_nm[j]),
+                        "expected_rms_nm": float(held_out.expected_rms_nm[j]),
+                        "torque_std_nm": float(self.torque_std_nm[j]),
+                        "position_rad": list(excited.position_rad),
+                        "velocity_rad_s": excited.velocity_rad_s,
+                        "acceleration_rad_s2": excited.acceleration_rad_s2,
+                        "condition": excited.condition,
+                        "acceleration_snr": excited.acceleration_snr,
+                    }
+                    for j, excited in enumerate(self.excitation.joints)
+                ],
+                "warnings": list(self.warnings),
+            }
+        )
+        return plain
 
 
 def import_and_train(request: ImportRequest) -> ImportReport:
@@ -187,9 +168,9 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         name=request.learner,
         weights=request.weights,
         max_subtrees=request.max_subtrees,
-        # Blocks are parts of the same recordings: none of them tells of another arm than the earlier ones.
+        # All blocks are of the same arm.
         detect_change=False,
-        # What lies outside of the recorded range is to be told, not to be covered.
+        # What lies outside the recorded range is reported as extrapolated.
         input_margin=1.0,
     )
 
@@ -215,7 +196,6 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         network=request.out,
         revision=revision(fit.learner),
         learner=request.learner,
-        joints=joints,
         recordings=tuple(map(_recording_report, recordings)),
         n_parts=len(parts),
         learned_s=sum(len(part) * part.period_s for part in parts),
@@ -228,7 +208,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
 
 
 def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str:
-    """Say how much of a prediction is a guess, and in which respect; nothing if none of it is."""
+    """Return how much of a prediction is extrapolated, and why; empty if none of it is."""
     n = len(prediction.extrapolated)
     n_extrapolated = int(np.count_nonzero(prediction.extrapolated))
     if not n_extrapolated:
@@ -247,14 +227,14 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
     return f"{n_extrapolated} of {n} points ({share:.1%}) are extrapolated: {'; '.join(reasons)}{faster}"
 
 
-def _recording_report(recording: JointRecording) -> RecordingReport:
-    return RecordingReport(
-        source=recording.source,
-        n_samples=len(recording.time_s),
-        duration_s=recording.duration_s,
-        rate_hz=1.0 / recording.median_period_s,
-        jitter_s=float(np.std(np.diff(recording.time_s))),
-    )
+def _recording_report(recording: JointRecording) -> dict[str, Any]:
+    return {
+        "source": recording.source,
+        "n_samples": len(recording.time_s),
+        "duration_s": recording.duration_s,
+        "rate_hz": 1.0 / recording.median_period_s,
+        "jitter_s": float(np.std(np.diff(recording.time_s))),
+    }
 
 
 def _fit_warnings(
@@ -279,8 +259,3 @@ def _fit_warnings(
             "ends of parts"
         )
     return found
-
-
-def _finite(value: float) -> float | None:
-    """Return a number for JSON, which has no infinity."""
-    return value if np.isfinite(value) else None
