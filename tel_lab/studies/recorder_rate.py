@@ -1,7 +1,5 @@
 """Whether the recorder keeps up with 1 kHz, four topics and seven joints, and what that costs.
 
-    .venv/bin/python benchmarks/recorder_rate.py
-
 A process publishes joint states, efforts, set points and control states. A real ``trial_recorder`` records
 them into each of the storages; a bare process subscribes to the same topics through rclpy's executor and
 throws the bytes away. Messages a second are those that came, not those that were wanted: on a busy machine
@@ -12,8 +10,6 @@ With ``--trials`` it also opens, reads and learns from a run of so many trials: 
 
 from __future__ import annotations
 
-import argparse
-import multiprocessing
 import os
 import sys
 import tempfile
@@ -22,16 +18,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import psutil
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from recorder_kills import Client, in_bag, is_same, record
-from recorder_stream import Stream
 from rosbags.highlevel import AnyReader
 
+from tel_lab.recorder_stream import SPAWNER, Stream, beside, in_bag, is_same, record
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
+from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.tables import Column, Table
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.core.types import NS_PER_S
@@ -42,7 +41,6 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.trial_bag import check_bag, read_trial
 
-ROOT = Path(__file__).parents[1]
 SAMPLE_RUN = ROOT / "bags" / "sample_run"
 RATE_HZ, N_JOINTS, N_POINTS = 1000.0, 7, 5000
 COMMANDS = (topics.EFFORT_COMMANDS, topics.POSITION_COMMANDS)
@@ -91,28 +89,19 @@ def listen(domain: int, counts: Any) -> None:
 
 def bare(duration_s: float, domain: int) -> Rate:
     """Measure a process that does nothing with what it hears."""
-    spawner = multiprocessing.get_context("forkserver")
-    counts = spawner.Value("q", 0)
-    process = spawner.Process(target=listen, args=(domain, counts), daemon=True)
-    process.start()
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
-    client = Client(context)
-    try:
-        with Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream:
-            if not client.spin_until(lambda: counts.value > 0, 60.0):
-                raise TimeoutError("the bare subscriber hears nothing")
-            client.spin_until(lambda: False, WARM_UP_S)
-            stream.begin(1)
-            heard, cpu_s, began = counts.value, cpu_time_s(process.pid), time.monotonic()
-            client.spin_until(lambda: False, duration_s)
-            sent, elapsed_s = list(stream.sent), time.monotonic() - began
-            heard, cpu_s = counts.value - heard, cpu_time_s(process.pid) - cpu_s
-    finally:
-        process.kill()
-        process.join()
-        client.destroy_node()
-        context.try_shutdown()
+    counts = SPAWNER.Value("q", 0)
+    with (
+        beside(domain, listen, counts) as (process, client),
+        Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream,
+    ):
+        if not client.spin_until(lambda: counts.value > 0, 60.0):
+            raise TimeoutError("the bare subscriber hears nothing")
+        client.spin_for(WARM_UP_S)
+        stream.begin(1)
+        heard, cpu_s, began = counts.value, cpu_time_s(process.pid), time.monotonic()
+        client.spin_for(duration_s)
+        sent, elapsed_s = list(stream.sent), time.monotonic() - began
+        heard, cpu_s = counts.value - heard, cpu_time_s(process.pid) - cpu_s
     payload = float(np.mean([len(raw) for _, _, raw in sent]))
     # What was on its way at either end is not lost: this process does not know which messages came.
     return Rate("bare", len(sent) / elapsed_s, heard / elapsed_s, 0, cpu_s / elapsed_s, np.nan, payload)
@@ -120,33 +109,23 @@ def bare(duration_s: float, domain: int) -> Rate:
 
 def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate:
     """Measure the recorder over one trial."""
-    spawner = multiprocessing.get_context("forkserver")
-    process = spawner.Process(target=record, args=(domain, storage, RecordingConfig().chunk_s))
-    process.start()
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
-    client = Client(context)
     bag = folder / storage
-    try:
-        with Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream:
-            if not client.spin_until(client.is_ready, 60.0):
-                raise TimeoutError("the recorder did not come up")
-            client.spin_until(lambda: False, WARM_UP_S)
-            client.answer(client.call_start(bag, stream.goal(1, N_POINTS)))
-            stream.begin(1)
-            cpu_s, began = cpu_time_s(process.pid), time.monotonic()
-            client.spin_until(lambda: False, duration_s)
-            cpu_s, elapsed_s = cpu_time_s(process.pid) - cpu_s, time.monotonic() - began
-            result = stream.end(1)
-            end_ns = result.end_stamp.sec * NS_PER_S + result.end_stamp.nanosec
-            sent = [message for message in stream.sent if message[1] <= end_ns]
-            answer = client.answer(client.call_stop(result))
-    finally:
-        process.terminate()
-        process.join(10.0)
-        process.kill()
-        client.destroy_node()
-        context.try_shutdown()
+    with (
+        beside(domain, record, storage, RecordingConfig().chunk_s) as (process, client),
+        Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream,
+    ):
+        if not client.spin_until(client.is_ready, 60.0):
+            raise TimeoutError("the recorder did not come up")
+        client.spin_for(WARM_UP_S)
+        client.answer(client.call_start(bag, stream.goal(1, N_POINTS)))
+        stream.begin(1)
+        cpu_s, began = cpu_time_s(process.pid), time.monotonic()
+        client.spin_for(duration_s)
+        cpu_s, elapsed_s = cpu_time_s(process.pid) - cpu_s, time.monotonic() - began
+        result = stream.end(1)
+        end_ns = result.end_stamp.sec * NS_PER_S + result.end_stamp.nanosec
+        sent = [message for message in stream.sent if message[1] <= end_ns]
+        answer = client.answer(client.call_stop(result))
     saved = in_bag(bag)
     lost = sum(not is_same(saved[topic].get(stamp, b""), raw) for topic, stamp, raw in sent)
     if lost != answer.dropped:
@@ -183,8 +162,21 @@ def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:
     return bags
 
 
-def reading(storage: str, folder: Path, n_trials: int) -> str:
-    """Return a row: what it takes to open, read and learn from a run, in CPU time."""
+@dataclass(frozen=True)
+class Reading:
+    """What it takes to open, read and learn from a run, in CPU time."""
+
+    storage: str
+    trials: int
+    ticks: int
+    size_mb: float
+    open_s: float
+    read_s: float
+    learn_s: float
+
+
+def reading(storage: str, folder: Path, n_trials: int) -> Reading:
+    """Measure what a run of so many trials costs those who read it."""
     config = load_config(SAMPLE_RUN / "run.yaml")
     bags = copied_run(storage, folder, n_trials)
     began = time.process_time()
@@ -195,50 +187,52 @@ def reading(storage: str, folder: Path, n_trials: int) -> str:
     read = time.process_time()
     network = new_network(config)
     for trial in trials:
-        network, _ = network.trained_on(
-            configured_samples(trial.signals(), config.learning), config.learning.training
-        )
+        samples = configured_samples(trial.signals(), config.learning)
+        network, _ = network.trained_on(samples, config.learning.training)
     trained = time.process_time()
     size_mb = sum(file.stat().st_size for bag in bags for file in bag.iterdir()) / 1e6
     ticks = sum(len(trial.time_ns) for trial in trials)
-    cells = (storage, n_trials, ticks, f"{size_mb:.1f}", f"{opened - began:.2f}", f"{read - opened:.2f}")
-    return "| " + " | ".join(map(str, (*cells, f"{trained - read:.2f}"))) + " |"
+    return Reading(storage, n_trials, ticks, size_mb, opened - began, read - opened, trained - read)
 
 
-def main() -> None:
-    """Measure and print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--duration-s", type=float, default=20.0)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--trials", type=int, default=100)
-    parser.add_argument("--first-domain", type=int, default=40)
-    options = parser.parse_args()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    multiprocessing.get_context("forkserver").set_forkserver_preload(["tel_ros.nodes.trial_recorder"])
-    domain = options.first_domain
+RATES = [
+    Column[Rate]("", lambda row: row.who, left=True),
+    Column("sent/s", lambda row: row.sent_per_s, ".0f"),
+    Column("heard/s", lambda row: row.heard_per_s, ".0f"),
+    Column("lost", lambda row: row.lost),
+    Column("CPU % of a core", lambda row: 100.0 * row.cpu, ".0f"),
+    Column("bytes/message on disk", lambda row: row.bytes_per_message, ".0f"),
+    Column("as sent", lambda row: row.payload_per_message, ".0f"),
+]
+READINGS = [
+    Column[Reading]("storage", lambda row: row.storage, left=True),
+    Column("trials", lambda row: row.trials),
+    Column("ticks", lambda row: row.ticks),
+    Column("MB", lambda row: row.size_mb, ".1f"),
+    Column("open, CPU s", lambda row: row.open_s, ".2f"),
+    Column("read, CPU s", lambda row: row.read_s, ".2f"),
+    Column("learn, CPU s", lambda row: row.learn_s, ".2f"),
+]
+
+
+@study()
+@click.option("--duration-s", default=20.0, show_default=True)
+@click.option("--repeats", default=3, show_default=True)
+@click.option("--trials", default=100, show_default=True, help="Of the run that is read.")
+@click.option("--first-domain", default=40, show_default=True)
+def recorder_rate(
+    options: StudyOptions, duration_s: float, repeats: int, trials: int, first_domain: int
+) -> None:
+    """Whether the recorder keeps up with 1 kHz, four topics and seven joints, and what that costs."""
+    os.environ.update(ON_THIS_MACHINE)
+    storages, rates = options.selected(STORAGES), []
     print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before it began\n")
-    if options.repeats:
-        print("| | sent/s | heard/s | lost | CPU % of a core | bytes/message on disk | as sent |")
-        print("|---" * 7 + "|", flush=True)
-    for _ in range(options.repeats):
+    for turn in range(repeats):
+        domain = first_domain + turn * (1 + len(storages))
         with tempfile.TemporaryDirectory() as folder:
-            rows = [bare(options.duration_s, domain)]
-            rows += [
-                recorded(storage, options.duration_s, domain + n, Path(folder))
-                for n, storage in enumerate(STORAGES, start=1)
-            ]
-        domain += len(rows)
-        for row in rows:
-            cells = (row.who, f"{row.sent_per_s:.0f}", f"{row.heard_per_s:.0f}", row.lost)
-            figures = (100.0 * row.cpu, row.bytes_per_message, row.payload_per_message)
-            print("| " + " | ".join(map(str, (*cells, *(f"{x:.0f}" for x in figures)))) + " |", flush=True)
-    print(
-        "\n| storage | trials | ticks | MB | open, CPU s | read, CPU s | learn, CPU s |\n" + "|---" * 7 + "|"
-    )
-    for storage in STORAGES:
-        with tempfile.TemporaryDirectory() as folder:
-            print(reading(storage, Path(folder), options.trials), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            rates.append(bare(duration_s, domain))
+            for n, storage in enumerate(storages, start=1):
+                rates.append(recorded(storage, duration_s, domain + n, Path(folder)))
+    print(Table(RATES, rates).markdown(), end="\n\n")
+    with tempfile.TemporaryDirectory() as folder:
+        print(Table(READINGS, [reading(name, Path(folder), trials) for name in storages]).markdown())

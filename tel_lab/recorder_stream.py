@@ -1,4 +1,4 @@
-"""What a recorder hears of an arm and its controller, published at a fixed rate by a thread of its own.
+"""A recorder in a process of its own, what it hears of an arm and its controller, and what its bag has then.
 
 Stamps are those of an arm whose clock is perfect; the values are sines with noise, so that they compress no
 better than measured ones. Messages are made beforehand and get their stamps when they are sent.
@@ -6,16 +6,25 @@ better than measured ones. Messages are made beforehand and get their stamps whe
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import struct
+import sys
 import threading
 import time
 from array import array
-from types import TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
@@ -24,9 +33,13 @@ from tel_interfaces.srv import StartRecording, StopRecording
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
+from tel_ros.nodes.trial_recorder import main as recorder_main
 from tel_ros.recording import topics
 from tel_ros.recording.serialised import header_stamp_ns, trial_index
 
+ANSWER_TIMEOUT_S = 60.0
+SPAWNER = multiprocessing.get_context("forkserver")
+SPAWNER.set_forkserver_preload(["tel_ros.nodes.trial_recorder"])
 _POOL_S = 1.0
 _LABEL = b"1000000000000000000"  # as many digits as stamps of our time have
 _STAMP_AT, _TRIAL_AT = 4, 20
@@ -114,9 +127,7 @@ class Stream:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End it."""
         self._stopping.set()
         self._thread.join()
@@ -198,11 +209,91 @@ class Stream:
             raise ValueError("stamp and index of a trial do not lie where they are written")
 
 
-def start_request(bag: str, goal: TrialGoal) -> StartRecording.Request:
-    """Return the request that opens a bag."""
-    return StartRecording.Request(bag=bag, goal=goal, metadata_keys=["seed"], metadata_values=["1"])
+class Client(Node):
+    """Calls the recorder's services."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("recorder_client", context=context)
+        self.spinner = SingleThreadedExecutor(context=context)
+        self.spinner.add_node(self)
+        self._start = self.create_client(StartRecording, topics.START_RECORDING)
+        self._stop = self.create_client(StopRecording, topics.STOP_RECORDING)
+
+    def is_ready(self) -> bool:
+        """Return whether a recorder is there."""
+        return bool(self._start.service_is_ready() and self._stop.service_is_ready())
+
+    def call_start(self, bag: Path, goal: TrialGoal) -> Any:
+        """Ask for a bag to be opened; return the future."""
+        request = StartRecording.Request(bag=str(bag), goal=goal)
+        request.metadata_keys, request.metadata_values = ["seed"], ["1"]
+        return self._start.call_async(request)
+
+    def call_stop(self, result: TrialResult) -> Any:
+        """Ask for the bag to be closed; return the future."""
+        return self._stop.call_async(StopRecording.Request(result=result))
+
+    def spin_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Return whether a condition came true in time."""
+        end = time.monotonic() + timeout_s
+        while not done():
+            if time.monotonic() > end:
+                return False
+            self.spinner.spin_once(timeout_sec=0.01)
+        return True
+
+    def spin_for(self, duration_s: float) -> None:
+        """Spin for a while."""
+        self.spin_until(lambda: False, duration_s)
+
+    def answer(self, future: Any) -> Any:
+        """Wait for an answer that has to say success."""
+        if not self.spin_until(future.done, ANSWER_TIMEOUT_S):
+            raise TimeoutError("the recorder does not answer")
+        if not future.result().success:
+            raise RuntimeError(future.result().message)
+        return future.result()
 
 
-def stop_request(result: TrialResult) -> StopRecording.Request:
-    """Return the request that closes it."""
-    return StopRecording.Request(result=result)
+@contextmanager
+def beside(domain: int, target: Callable[..., None], *arguments: Any) -> Iterator[tuple[Any, Client]]:
+    """Run a process in a ROS domain, with a client beside it; end both."""
+    process = SPAWNER.Process(target=target, args=(domain, *arguments), daemon=True)
+    process.start()
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    client = Client(context)
+    try:
+        yield process, client
+    finally:
+        process.kill()
+        process.join()
+        client.destroy_node()
+        context.try_shutdown()
+
+
+def record(domain: int, storage: str, chunk_s: float) -> None:
+    """Be the recorder; runs in a process of its own."""
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    sys.argv = ["trial_recorder", "--ros-args", "--log-level", "error"]
+    sys.argv += ["-p", f"recording.storage:={storage}", "-p", f"recording.chunk_s:={chunk_s}"]
+    recorder_main()
+
+
+def in_bag(bag: Path) -> dict[str, dict[int, bytes]]:
+    """Return the live messages in a bag: topic to stamp to bytes."""
+    found: dict[str, dict[int, bytes]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, time_ns, raw in reader.messages():
+            topic = connection.topic.removeprefix("/")
+            if topic not in topics.RECORDED_ONCE:
+                found.setdefault(topic, {})[time_ns] = bytes(raw)
+    return found
+
+
+def is_same(received: bytes, sent: bytes) -> bool:
+    """Return whether a message is as it was sent.
+
+    The middleware fills it up to a multiple of four bytes, and says by how much in the third and fourth byte.
+    """
+    return received[:2] == sent[:2] and received[4:] == sent[4:] + bytes(-len(sent) % 4)

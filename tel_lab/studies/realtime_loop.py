@@ -1,7 +1,5 @@
 """How regular the loop is in real time: at 500 Hz and 1 kHz, idle and beside a busy core.
 
-    .venv/bin/python benchmarks/realtime.py
-
 Each of these is measured as it is and with the real-time options (docs/realtime.md). A row is one trial of
 ``tel practice`` with ``sim.clock: realtime``; its figures are those that the controller wrote into the
 trial's bag. Behind each, in brackets, stands the same figure of two bare processes: one publishes joint
@@ -11,8 +9,8 @@ the same options. What the machine does to both is the same; the ratio is what i
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import itertools
 import json
 import multiprocessing
 import os
@@ -20,29 +18,25 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing.queues import Queue
 from pathlib import Path
+from typing import Any
 
+import click
 from rosbags.highlevel import AnyReader
 
+from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.tables import Column, Table
 from tel_ros.core.control.loop_timing import LoopTimer
+from tel_ros.core.errors import TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.trial_bag import read_trial
 
-ROOT = Path(__file__).parents[1]
+ON_THIS_MACHINE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 PRIORITY = 50
-_COLUMNS = {
-    "rate_hz": 1,
-    "jitter_p50_ms": 3,
-    "jitter_p99_ms": 3,
-    "jitter_max_ms": 2,
-    "in_time_percent": 2,
-    "missed": 0,
-}
-"""Figures that are shown, with their decimals."""
 SPAWN = multiprocessing.get_context("spawn")
 
 
@@ -50,7 +44,7 @@ SPAWN = multiprocessing.get_context("spawn")
 class Figures:
     """What one loop did; times in ms."""
 
-    rate_hz: float
+    state_rate_hz: float
     jitter_p50_ms: float
     jitter_p99_ms: float
     jitter_max_ms: float
@@ -69,7 +63,7 @@ class Figures:
         return cls(timing["state_rate_hz"], *jitter_ms, 100.0 * in_time, int(timing["missed_ticks"]))
 
 
-def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue) -> None:
+def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue[Any]) -> None:
     """Publish joint states from a timer; put the share of those that were answered within the period."""
     import rclpy
     from sensor_msgs.msg import JointState
@@ -108,7 +102,7 @@ def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue) -
     rclpy.try_shutdown()
 
 
-def bare_controller(rate_hz: float, duration_s: float, priority: int, results: Queue) -> None:
+def bare_controller(rate_hz: float, duration_s: float, priority: int, results: Queue[Any]) -> None:
     """Answer each joint state from a callback; put the figures of the loop."""
     import rclpy
     from sensor_msgs.msg import JointState
@@ -172,26 +166,27 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
             process.kill()
 
 
-def product(config: Path, rate_hz: float, duration_s: float, priority: int, folder: Path) -> Figures | None:
+def practice_command(config: Path, folder: Path, overrides: Sequence[str]) -> list[str]:
+    """Return the command that practises with a configuration into a folder."""
+    command = [sys.executable, "-m", "tel_ros.app.cli", "practice", str(config), "--out", str(folder)]
+    return [*command, "--no-report", *(part for value in overrides for part in ("--set", value))]
+
+
+def product(
+    config: Path, rate_hz: float, duration_s: float, priority: int, folder: Path, more: Sequence[str] = ()
+) -> Figures | None:
     """Return the figures of one trial of a practice run; None if the run failed before it had any."""
     overrides = [
-        "sim.clock=realtime",
-        f"control.rate_hz={rate_hz}",
-        f"control.realtime_priority={priority}",
-        f"control.lock_memory={str(priority > 0).lower()}",
-        "control.path_tolerance_rad=2.0",
+        *("sim.clock=realtime", f"control.rate_hz={rate_hz}", f"control.realtime_priority={priority}"),
+        *(f"control.lock_memory={str(priority > 0).lower()}", "control.path_tolerance_rad=2.0"),
         "control.state_timeout_s=1.0",  # a gap is to be measured, not to end the trial
-        "practice.trials=1",
-        "practice.strategy=trajectory_extension",
-        f"practice.first_duration_s={duration_s}",
-        f"practice.goal_duration_s={duration_s}",
+        *("practice.trials=1", "practice.strategy=trajectory_extension"),
+        *(f"practice.first_duration_s={duration_s}", f"practice.goal_duration_s={duration_s}", *more),
     ]
-    command = [sys.executable, "-m", "tel_ros.app.cli", "practice", str(config), "--out", str(folder)]
-    command += ["--no-report", "--json", *(part for value in overrides for part in ("--set", value))]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(practice_command(config, folder, overrides), capture_output=True, text=True)
     summary = folder / "summary.json"
     if not summary.is_file():
-        sys.exit(f"tel practice ended with code {done.returncode}: {done.stderr}")
+        raise TelError(f"tel practice ended with code {done.returncode}: {done.stderr}")
     found = json.loads(summary.read_text())
     if not found["trials"] or found["trials"][0]["timing"] is None:
         print(f"no trial was measured: {found['outcome']}: {found['message']}", file=sys.stderr)
@@ -246,56 +241,54 @@ def load(busy: bool) -> Iterator[None]:
         process.wait()
 
 
-def table(rows: list[tuple[str, Figures | None, Figures]]) -> str:
-    """Return the measurements as a Markdown table, with the bare pair's figures in brackets."""
-    lines = [
-        "| loop | rate Hz | jitter p50 ms | p99 ms | max ms | answered in time % | missed ticks "
-        "| p99, times the bare pair's |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    return "\n".join([*lines, *(row(*each) for each in rows)])
+Measured = tuple[str, Figures | None, Figures]
+"""What a row is called, its figures, and those of the bare pair."""
 
 
-def row(name: str, ours: Figures | None, bare: Figures) -> str:
-    """Return one row of the table."""
-    if ours is None:
-        return f"| {name} | {'failed | ' * (len(_COLUMNS) + 1)}".rstrip()
-    cells = [
-        f"{getattr(ours, key):.{digits}f} ({getattr(bare, key):.{digits}f})"
-        for key, digits in _COLUMNS.items()
-    ]
-    return f"| {name} | {' | '.join(cells)} | {ours.jitter_p99_ms / bare.jitter_p99_ms:.2f} |"
+def _both(name: str, digits: int) -> Callable[[Measured], str]:
+    def text(row: Measured) -> str:
+        _, ours, bare = row
+        return f"{getattr(ours, name):.{digits}f} ({getattr(bare, name):.{digits}f})" if ours else "failed"
+
+    return text
 
 
-def main() -> None:
-    """Measure everything and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "paper.yaml")
-    parser.add_argument("--seconds", type=float, default=10.0, help="of movement in each row")
-    parser.add_argument("--rates", type=float, nargs="+", default=[500.0, 1000.0], metavar="HZ")
-    options = parser.parse_args()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+COLUMNS = [
+    Column[Measured]("loop", lambda row: row[0], left=True),
+    Column("rate Hz", _both("state_rate_hz", 1)),
+    Column("jitter p50 ms", _both("jitter_p50_ms", 3)),
+    Column("p99 ms", _both("jitter_p99_ms", 3)),
+    Column("max ms", _both("jitter_max_ms", 2)),
+    Column("answered in time %", _both("in_time_percent", 2)),
+    Column("missed ticks", _both("missed", 0)),
+    Column(
+        "p99, times the bare pair's",
+        lambda row: row[1] and row[1].jitter_p99_ms / row[2].jitter_p99_ms,
+        ".2f",
+    ),
+]
+
+
+@study()
+@click.option("--config", type=click.Path(path_type=Path), default=ROOT / "config" / "paper.yaml")
+@click.option("--seconds", default=10.0, show_default=True, help="Of movement in each row.")
+@click.option("--rate", "rates_hz", type=float, multiple=True, default=(500.0, 1000.0), show_default=True)
+def realtime_loop(options: StudyOptions, config: Path, seconds: float, rates_hz: tuple[float, ...]) -> None:
+    """How regular the loop is in real time, beside a bare pair of processes."""
+    os.environ.update(ON_THIS_MACHINE)
     load_1min = os.getloadavg()[0]
-    rows = []
+    rows: list[Measured] = []
     with tempfile.TemporaryDirectory() as folder:
-        for rate_hz in options.rates:
-            for busy in (False, True):
-                for priority in (0, PRIORITY):
-                    how = f"{'busy' if busy else 'idle'}, {'options' if priority else 'plain'}"
-                    name = f"{rate_hz:.0f} Hz, {how}"
-                    run = Path(folder) / f"run_{len(rows)}"
-                    with load(busy):
-                        ours = product(options.config, rate_hz, options.seconds, priority, run)
-                        bare = bare_pair(rate_hz, options.seconds, priority)
-                    rows.append((name, ours, bare))
-                    print(row(*rows[-1]), file=sys.stderr)
-    print(table(rows))
-    cores = (
-        f"{os.cpu_count()} cores, load average {load_1min:.1f} before it began, kernel {os.uname().release}"
+        for rate_hz, busy, priority in itertools.product(rates_hz, (False, True), (0, PRIORITY)):
+            name = f"{rate_hz:.0f} Hz, {'busy' if busy else 'idle'}, {'options' if priority else 'plain'}"
+            run = Path(folder) / f"run_{len(rows)}"
+            with load(busy):
+                ours = product(config, rate_hz, seconds, priority, run, options.overrides)
+                rows.append((name, ours, bare_pair(rate_hz, seconds, priority)))
+            print(*(column.text(rows[-1]) for column in COLUMNS), sep="  ", file=sys.stderr)
+    print(Table(COLUMNS, rows).markdown())
+    print(
+        f"\nIn brackets: the bare pair. {os.cpu_count()} cores, load average {load_1min:.1f} before it "
+        f"began, kernel {os.uname().release}. Busy: one process that computes without pause. Options: "
+        f"SCHED_FIFO {PRIORITY}, locked memory."
     )
-    print(f"\nIn brackets: the bare pair. {cores}.")
-    print(f"Busy: one process that computes without pause. Options: SCHED_FIFO {PRIORITY}, locked memory.")
-
-
-if __name__ == "__main__":
-    main()

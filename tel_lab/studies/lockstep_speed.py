@@ -1,14 +1,11 @@
 """How fast the whole graph runs in lockstep, beside two bare processes that exchange the same messages.
 
-    .venv/bin/python benchmarks/lockstep.py [--priority 10]
-
-The bare pair does nothing but answer each other through rclpy's executor: the ratio of the two says what the
-arm, the controller and the recorder cost, whatever machine this is.
+The bare pair only answers each other through rclpy's executor: the ratio of the two says what the arm, the
+controller and the recorder cost, whatever machine this is.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -18,11 +15,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 import psutil
 
-ROOT = Path(__file__).parents[1]
-BARE_S = 5.0
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, practice_command
+from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.tables import of_texts
+from tel_ros.core.errors import TelError
+from tel_ros.recording import topics
 
+BARE_S = 5.0
 ECHO = """
 import rclpy
 from sensor_msgs.msg import JointState
@@ -84,9 +86,8 @@ class StageClock:
         self.seconds: dict[str, float] = {}
         self._stage, self._since = "", time.monotonic()
         self._node = rclpy.create_node("stage_clock")
-        self._node.create_subscription(
-            Practice.Impl.FeedbackMessage, "/practice/_action/feedback", self._hear, 100
-        )
+        feedback = f"{topics.PRACTICE}/_action/feedback"
+        self._node.create_subscription(Practice.Impl.FeedbackMessage, feedback, self._hear, 100)
 
     def _hear(self, message: Any) -> None:
         if message.feedback.stage != self._stage:
@@ -103,10 +104,11 @@ class StageClock:
             rclpy.spin_once(self._node, timeout_sec=max(0.0, end - time.monotonic()))
 
 
-def practice(config: Path, folder: Path, overrides: list[str]) -> tuple[dict, dict[str, float], float]:
-    """Run practice; return its summary, the CPU time [s] of each node, and the time [s] spent moving."""
-    command = [sys.executable, "-m", "tel_ros.app.cli", "practice", str(config), "--out", str(folder)]
-    command += ["--no-report", *(part for override in overrides for part in ("--set", override))]
+def practised(
+    config: Path, folder: Path, overrides: list[str]
+) -> tuple[dict[str, Any], dict[str, float], float]:
+    """Practise; return the summary, the CPU time of each node in s, and the time spent moving in s."""
+    command = practice_command(config, folder, overrides)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     cpu_s: dict[str, float] = {}
     clock = StageClock()
@@ -119,35 +121,33 @@ def practice(config: Path, folder: Path, overrides: list[str]) -> tuple[dict, di
                 continue
         clock.listen(0.2)
     if process.returncode != 0:
-        sys.exit(f"tel practice ended with code {process.returncode}")
+        raise TelError(f"tel practice ended with code {process.returncode}")
     return json.loads((folder / "summary.json").read_text()), cpu_s, clock.seconds["moving"]
 
 
-def main() -> None:
-    """Run both and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--config", type=Path, default=ROOT / "config" / "paper.yaml")
-    parser.add_argument("--trials", type=int, default=4)
-    parser.add_argument("--priority", type=int, default=0, help="control.realtime_priority of the graph")
-    options = parser.parse_args()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+@study()
+@click.option("--config", type=click.Path(path_type=Path), default=ROOT / "config" / "paper.yaml")
+@click.option("--trials", default=4, show_default=True)
+@click.option("--priority", default=0, show_default=True, help="control.realtime_priority of the graph.")
+def lockstep_speed(options: StudyOptions, config: Path, trials: int, priority: int) -> None:
+    """How fast the graph runs in lockstep, beside a bare pair of processes."""
+    os.environ.update(ON_THIS_MACHINE)
     bare = bare_round_trips_per_s()
     with tempfile.TemporaryDirectory() as folder:
-        overrides = [
-            f"practice.trials={options.trials}",
-            f"control.realtime_priority={options.priority}",
-        ]
-        summary, cpu_s, moving_s = practice(options.config, Path(folder) / "run", overrides)
-    trials, rate_hz = summary["trials"], summary["config"]["control"]["rate_hz"]
-    ticks, wall_s = sum(t["ticks"] for t in trials), sum(t["wall_s"] for t in trials)
+        overrides = [f"practice.trials={trials}", f"control.realtime_priority={priority}"]
+        summary, cpu_s, moving_s = practised(config, Path(folder) / "run", [*overrides, *options.overrides])
+    done, rate_hz = summary["trials"], summary["config"]["control"]["rate_hz"]
+    ticks, wall_s = sum(t["ticks"] for t in done), sum(t["wall_s"] for t in done)
     rate = ticks / moving_s
-    print(f"bare pair                   {bare:8.0f} round trips/s")
-    print(f"graph, moving and recording {rate:8.0f} ticks/s, {rate / bare:.2f} of the bare pair")
-    print(f"arm time / wall clock       {rate / rate_hz:8.2f} at {rate_hz:.0f} Hz, {os.cpu_count()} cores")
-    print(f"the same with learning      {ticks / rate_hz / wall_s:8.2f}")
-    for name, seconds in sorted(cpu_s.items()):
-        print(f"CPU {name:<23} {1e6 * seconds / ticks:8.0f} µs a tick, start-up included")
-
-
-if __name__ == "__main__":
-    main()
+    lines = [
+        ("bare pair, round trips/s", f"{bare:.0f}"),
+        ("graph, moving and recording, ticks/s", f"{rate:.0f}"),
+        ("the same, times the bare pair's", f"{rate / bare:.2f}"),
+        (f"arm time / wall clock at {rate_hz:.0f} Hz, {os.cpu_count()} cores", f"{rate / rate_hz:.2f}"),
+        ("the same with learning", f"{ticks / rate_hz / wall_s:.2f}"),
+        *(
+            (f"CPU of {n}, µs a tick with start-up", f"{1e6 * s / ticks:.0f}")
+            for n, s in sorted(cpu_s.items())
+        ),
+    ]
+    print(of_texts(("", "measured"), lines).markdown())

@@ -1,0 +1,247 @@
+"""SIGKILL for the recorder at random moments of a trial: what is whole, what can be recovered, what is lost.
+
+Each time a real ``trial_recorder`` in a process of its own first records a short trial to its end and then
+gets a second one, with seven joints. At a random moment from the call of *start* to a moment after
+that of *stop* it is killed. What this process has sent is what there was to record. Then:
+
+- the first trial must be whole, whatever became of the second;
+- a second trial under its own name must be whole;
+- else ``recover`` must give, byte by byte and without a gap, everything up to a moment no longer before the
+  last message that the recorder can have taken than a chunk (and than the time by which the recorder was
+  behind, which shows as well), and nothing may take the recovered bag for a whole one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections import Counter
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from tel_lab.recorder_stream import ANSWER_TIMEOUT_S, Client, Sent, Stream, beside, in_bag, is_same, record
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
+from tel_lab.study import StudyOptions, study
+from tel_lab.tables import Column, Table
+from tel_ros.core.config import RecordingConfig
+from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording import topics
+from tel_ros.recording.bag_writer import UNFINISHED
+from tel_ros.recording.recover import recover
+from tel_ros.recording.trial_bag import read_trial
+
+FIRST, SECOND = "trial_001", "trial_002"
+N_JOINTS, N_POINTS = 7, 1000
+FIRST_S, SECOND_S, AFTERWARDS_S = 0.1, 2.0, 0.1
+N_DOMAINS = 40
+
+
+@dataclass(frozen=True)
+class Kill:
+    """What one kill left behind.
+
+    Args:
+        storage: of the bags.
+        moment_s: when, after the call of *start* for the second trial.
+        found: ``whole``, ``recovered``, ``not begun`` (no recording yet), or ``nothing`` (no whole chunk).
+        sent: messages of the trial and around it that were sent before the kill.
+        saved: of these, messages in the bag.
+        lost_s: from the newest joint state in the bag to the newest that was sent.
+        violations: what must not be.
+    """
+
+    storage: str
+    moment_s: float
+    found: str
+    sent: int
+    saved: int
+    lost_s: float
+    violations: tuple[str, ...]
+
+    @property
+    def saved_percent(self) -> float:
+        """Share of what was sent."""
+        return 100.0 * self.saved / self.sent
+
+
+def kill_once(
+    folder: Path, recording: RecordingConfig, moment_s: float, domain: int, rate_hz: float, seed: int
+) -> Kill:
+    """Record a trial, begin another one, kill the recorder, and look what is there.
+
+    In a ROS domain that is new, because the others take a process that was killed for a living one for many
+    seconds.
+    """
+    with (
+        beside(domain, record, recording.storage, recording.chunk_s) as (process, client),
+        Stream(client, rate_hz, N_JOINTS, (topics.EFFORT_COMMANDS,), seed) as stream,
+    ):
+        sent, begun = sent_until_kill(client, stream, process, folder, moment_s)
+    kill = judge(recording, moment_s, folder, sent)
+    if begun and kill.found in ("not begun", "nothing"):
+        return replace(kill, violations=(*kill.violations, "nothing is left of a recording that had begun"))
+    return kill
+
+
+def sent_until_kill(
+    client: Client, stream: Stream, process: Any, folder: Path, moment_s: float
+) -> tuple[list[Sent], bool]:
+    """Record a trial, begin another one, and kill the recorder.
+
+    Returns:
+        What had been sent by then, and whether the recorder had said that the recording has begun.
+    """
+    if not client.spin_until(client.is_ready, ANSWER_TIMEOUT_S):
+        raise TimeoutError("the recorder did not come up")
+    client.answer(client.call_start(folder / FIRST, stream.goal(1, N_POINTS)))
+    stream.begin(1)
+    client.spin_for(FIRST_S)
+    client.answer(client.call_stop(stream.end(1)))
+    goal = stream.goal(2, N_POINTS)
+    stream.begin(2)
+    started = client.call_start(folder / SECOND, goal)
+    client.spin_for(min(moment_s, SECOND_S))
+    if moment_s > SECOND_S:
+        client.call_stop(stream.end(2))
+        client.spin_for(moment_s - SECOND_S)
+    process.kill()
+    return list(stream.sent), started.done()
+
+
+def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[Sent]) -> Kill:
+    """Return what is there after a kill, and what must not be."""
+    first, second = folder / FIRST, folder / SECOND
+    violations = []
+    unfinished = second.parent / UNFINISHED / second.name
+    try:
+        read_trial(first)
+    except BagError as error:
+        violations.append(f"the trial before is not whole: {error}")
+    if second.exists():
+        found, bag = "whole", second
+        try:
+            read_trial(second)
+        except BagError as error:
+            violations.append(f"not whole under its own name: {error}")
+    elif not unfinished.exists() or not list(unfinished.glob("*.*[34p]")):
+        return Kill(recording.storage, moment_s, "not begun", len(sent), 0, 0.0, tuple(violations))
+    else:
+        found = "recovered"
+        try:
+            bag = recover(unfinished).bag
+        except BagError as error:
+            if "no whole chunk" not in str(error) and "no transaction" not in str(error):
+                violations.append(str(error))
+            return Kill(recording.storage, moment_s, "nothing", len(sent), 0, 0.0, tuple(violations))
+        with suppress(BagError):
+            read_trial(bag)
+            violations.append("a recovered bag passes for a whole one")
+    saved = in_bag(bag)
+    violations += compared(saved, sent)
+    n_saved = sum(len(stamps) for stamps in saved.values())
+    states = [stamp for topic, stamp, _ in sent if topic == topics.JOINT_STATES]
+    newest = max(saved.get(topics.JOINT_STATES, {states[0]: b""}))
+    lost_s = max(0, states[-1] - newest) / NS_PER_S
+    return Kill(recording.storage, moment_s, found, len(sent), n_saved, lost_s, tuple(violations))
+
+
+def compared(saved: dict[str, dict[int, bytes]], sent: list[Sent]) -> list[str]:
+    """Return where what was saved is not what was sent, without a gap."""
+    complaints = []
+    for topic, messages in saved.items():
+        known = {stamp: raw for t, stamp, raw in sent if t == topic}
+        common = [stamp for stamp in messages if stamp in known]
+        changed = sum(not is_same(messages[stamp], known[stamp]) for stamp in common)
+        if changed:
+            complaints.append(f"{changed} messages of {topic} are not as they were sent")
+        gaps = sum(min(common) <= s <= max(common) and s not in messages for s in known) if common else 0
+        if gaps:
+            complaints.append(f"{gaps} messages of {topic} are missing from the middle")
+    return complaints
+
+
+@dataclass(frozen=True)
+class Kills:
+    """All kills of one storage."""
+
+    recording: RecordingConfig
+    kills: list[Kill]
+
+    def count(self, found: str) -> int:
+        """Return how many left this behind."""
+        return Counter(kill.found for kill in self.kills)[found]
+
+    @property
+    def recovered(self) -> list[Kill]:
+        """Those that left something to recover."""
+        return [kill for kill in self.kills if kill.found == "recovered"]
+
+    def of_recovered(self, reduce: Any, name: str) -> float:
+        """Return a figure of those that left something to recover; NaN if none did."""
+        values = [getattr(kill, name) for kill in self.recovered]
+        return float(reduce(values)) if values else float("nan")
+
+
+COLUMNS = [
+    Column[Kills]("storage", lambda row: row.recording.storage, left=True),
+    Column("chunk s", lambda row: row.recording.chunk_s, "g"),
+    Column("kills", lambda row: len(row.kills)),
+    *(
+        Column[Kills](name, lambda row, name=name: row.count(name))
+        for name in ("whole", "recovered", "not begun", "nothing")
+    ),
+    Column("lost s, median", lambda row: row.of_recovered(np.median, "lost_s"), ".2f"),
+    Column("most", lambda row: row.of_recovered(max, "lost_s"), ".2f"),
+    Column("saved %, median", lambda row: row.of_recovered(np.median, "saved_percent"), ".0f"),
+    Column("violations", lambda row: sum(bool(kill.violations) for kill in row.kills)),
+]
+
+
+@study()
+@click.option("--kills", "n_kills", default=100, show_default=True, help="All storages together.")
+@click.option("--seed", default=1, show_default=True)
+@click.option("--rate-hz", default=500.0, show_default=True, help="Of the arm.")
+@click.option("--chunk-s", default=RecordingConfig().chunk_s, show_default=True)
+@click.option("--first-domain", default=60, show_default=True, help=f"Of {N_DOMAINS} ROS domains to use.")
+@click.option("--lines", type=click.Path(path_type=Path), help="File for JSON lines, one a kill.")
+def recorder_kills(
+    options: StudyOptions,
+    n_kills: int,
+    seed: int,
+    rate_hz: float,
+    chunk_s: float,
+    first_domain: int,
+    lines: Path | None,
+) -> None:
+    """SIGKILL for the recorder at random moments of a trial."""
+    os.environ.update(ON_THIS_MACHINE)
+    storages = options.selected(["mcap", "sqlite3"])
+    rng = np.random.default_rng(seed)
+    rows = [Kills(RecordingConfig(storage=name, chunk_s=chunk_s), []) for name in storages]
+    with tempfile.TemporaryDirectory() as root:
+        for k in range(n_kills):
+            row = rows[k % len(rows)]
+            moment_s = float(rng.uniform(0.0, SECOND_S + AFTERWARDS_S))
+            where, domain = Path(root) / f"{k:03d}", first_domain + k % N_DOMAINS
+            try:
+                kill = kill_once(where, row.recording, moment_s, domain, rate_hz, seed + k)
+            except (TimeoutError, RuntimeError) as error:
+                # Before anything was killed: the machine is too busy for a recorder to keep up.
+                print(f"kill {k} did not come about: {error}", file=sys.stderr, flush=True)
+                continue
+            row.kills.append(kill)
+            print(json.dumps(asdict(kill)), file=sys.stderr, flush=True)
+            if lines:
+                with lines.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(kill)) + "\n")
+    print(Table(COLUMNS, rows).markdown())
+    if any(kill.violations for row in rows for kill in row.kills):
+        raise TelError("something happened that must not")
