@@ -59,8 +59,9 @@ class Figures:
             timing: a ``LoopTiming`` as a dictionary.
             in_time: share of the states that were answered before the next period ended.
         """
-        jitter_ms = [1e3 * timing[f"jitter_{which}_s"] for which in ("p50", "p99", "max")]
-        return cls(timing["state_rate_hz"], *jitter_ms, 100.0 * in_time, int(timing["missed_ticks"]))
+        p50, p99, largest = (1e3 * timing[f"jitter_{which}_s"] for which in ("p50", "p99", "max"))
+        missed = int(timing["missed_ticks"])
+        return cls(timing["state_rate_hz"], p50, p99, largest, 100.0 * in_time, missed)
 
 
 def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue[Any]) -> None:
@@ -211,7 +212,7 @@ def in_time(bag: Path, rate_hz: float) -> float:
     states: list[tuple[int, list[float]]] = []
     with AnyReader([bag]) as reader:
         for connection, _, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             if topics.is_named(connection.topic, topics.EFFORT_COMMANDS):
                 answers[int(message.layout.dim[0].label)] = message.data.tolist()
             elif topics.is_named(connection.topic, topics.JOINT_STATES):

@@ -13,6 +13,7 @@ that of *stop* it is killed. What this process has sent is what there was to rec
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import sys
@@ -195,7 +196,7 @@ COLUMNS = [
     Column("chunk s", lambda row: row.recording.chunk_s, "g"),
     Column("kills", lambda row: len(row.kills)),
     *(
-        Column[Kills](name, lambda row, name=name: row.count(name))
+        Column(name, functools.partial(Kills.count, found=name))
         for name in ("whole", "recovered", "not begun", "nothing")
     ),
     Column("lost s, median", lambda row: row.of_recovered(np.median, "lost_s"), ".2f"),
@@ -223,7 +224,7 @@ def recorder_kills(
 ) -> None:
     """SIGKILL for the recorder at random moments of a trial."""
     os.environ.update(ON_THIS_MACHINE)
-    storages = options.selected(["mcap", "sqlite3"])
+    storages: list[Any] = options.selected(["mcap", "sqlite3"])
     rng = np.random.default_rng(seed)
     rows = [Kills(RecordingConfig(storage=name, chunk_s=chunk_s), []) for name in storages]
     with tempfile.TemporaryDirectory() as root:

@@ -50,15 +50,16 @@ async def take_everything(link: str) -> None:
     """Open the page's socket and take all that comes."""
     import viser
     from websockets.asyncio.client import connect
+    from websockets.typing import Origin, Subprotocol
 
     origin, _, token = link.partition("/?token=")
     cookie = f"tel_view_{origin.rpartition(':')[2]}={token}"
     headers = {"Cookie": cookie}
     async with connect(
         origin.replace("http", "ws"),
-        origin=origin,
+        origin=Origin(origin),
         additional_headers=headers,
-        subprotocols=[f"viser-v{viser.__version__}"],
+        subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
         max_size=None,
     ) as socket:
         print("looks", flush=True)
@@ -71,7 +72,7 @@ def process(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Start a command, wait for its first line, and end it."""
     started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        line = started.stdout.readline().strip()
+        line = started.stdout.readline().strip() if started.stdout else ""
         if not line:
             raise TelError(f"{command} ended with code {started.wait()}")
         yield started, line
