@@ -5,6 +5,7 @@ ros2 launch tel_ros real_arm.launch.py config:=my_run.yaml controllers:=my_contr
 ... start:=driver commands:=inactive    no command reaches the motors; joint states can be looked at
 ... start:=nodes                        the nodes of tel_ros alone, for a driver that runs already
 ... run_dir:=bags/monday                driver, nodes and practice; the run goes to that folder
+... namespace:=left                     everything in a namespace, beside another arm
 
 The driver is the controller manager with the hardware component that the URDF names, joint_state_broadcaster
 and, as arm.command_interface says, effort_controller, an effort_controllers/JointGroupEffortController,
@@ -15,20 +16,17 @@ https://control.ros.org/jazzy/doc/ros2_control/controller_manager/doc/userdoc.ht
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from tel_ros.app.bring_up import node_names
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.config_file import default_config_file, load_config, read_yaml
-from tel_ros.recording.shared_files import named_config
+from tel_ros.recording.config_file import load_config, read_yaml
+from tel_ros.recording.shared_files import config_folder, named_config
 
 if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription
-    from launch.events.process import ProcessExited
 
 BROADCASTER = "joint_state_broadcaster"
 CONTROLLERS = {"effort": "effort_controller", "position": "position_controller"}
@@ -37,7 +35,7 @@ PATTERNS = {"effort": "controllers.yaml", "position": "controllers_position.yaml
 """Files in config/ros2_control."""
 
 
-def check_controllers(file: Path, config: Config) -> None:
+def check_controllers(file: Path, config: Config, namespace: str = "/") -> None:
     """Make sure that the controllers are set up for this arm.
 
     The command is an array without names: joints in another order would get each other's commands.
@@ -45,6 +43,7 @@ def check_controllers(file: Path, config: Config) -> None:
     Args:
         file: parameters of the controller manager and the two controllers.
         config: the practice run.
+        namespace: of the arm; keys of the file may name it, or stand for any (``/**/effort_controller``).
 
     Raises:
         InputFileError: the file is missing or unreadable.
@@ -53,7 +52,8 @@ def check_controllers(file: Path, config: Config) -> None:
     parameters = read_yaml(file)
 
     def require(node: str, key: str, expected: Any, why: str) -> None:
-        section = parameters.get(node)
+        names = (f"{namespace.rstrip('/')}/{node}", f"/**/{node}", *([node] if namespace == "/" else []))
+        section = next((parameters[name] for name in names if name in parameters), None)
         values = section.get("ros__parameters") if isinstance(section, dict) else None
         found = values.get(key, "missing") if isinstance(values, dict) else "missing"
         if found != expected:
@@ -111,8 +111,9 @@ def check_arm(config: Config, file: Path) -> None:
 
 def start_arm(context: LaunchContext) -> list[Any]:
     """Return the actions that bring up what was asked for."""
-    from launch.actions import EmitEvent, LogInfo
-    from launch.events import Shutdown
+    from launch.actions import LogInfo
+
+    from tel_ros.app.launch_graph import LaunchGraph
 
     def argument(name: str) -> str:
         return str(context.launch_configurations[name])
@@ -120,124 +121,57 @@ def start_arm(context: LaunchContext) -> list[Any]:
     config_file = named_config(argument("config")).resolve()
     config = load_config(config_file)
     check_arm(config, config_file)
-    pattern = default_config_file().parent / "ros2_control" / PATTERNS[config.arm.command_interface]
-    controllers = Path(argument("controllers") or pattern).resolve()
     controller = CONTROLLERS[config.arm.command_interface]
-    start, commands, run_dir = argument("start"), argument("commands"), argument("run_dir")
+    start, commands = argument("start"), argument("commands")
     if commands == "inactive" and start != "driver":
         raise ConfigError("commands", commands, f"'active', because start is {start!r}")
-    if run_dir and start == "driver":
-        raise ConfigError("run_dir", run_dir, "nothing, because start is 'driver'")
+    if argument("run_dir") and start == "driver":
+        raise ConfigError("run_dir", argument("run_dir"), "nothing, because start is 'driver'")
+    graph = LaunchGraph(context)
     if start == "nodes":
-        return _nodes(config, config_file, run_dir)
-    check_controllers(controllers, config)
+        return list(graph.practice(config, config_file))
+    pattern = config_folder() / "ros2_control" / PATTERNS[config.arm.command_interface]
+    controllers = Path(argument("controllers") or pattern).resolve()
+    check_controllers(controllers, config, graph.namespace)
     check_description(Path(config.arm.urdf), config)
+    options = ["--param-file", str(controllers)]
+    options += ["--controller-manager-timeout", str(config.run.arm_timeout_s)]
 
-    def after(name: str, actions: list[Any]) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-        """Return what to do when the spawner of a controller has ended."""
+    def spawner(name: str, more: list[str], then: Any) -> Any:
+        """Return the process that loads, configures and activates a controller, and then ends."""
+        on_exit = graph.then(name, then)
+        return graph.node(
+            "controller_manager", "spawner", [], arguments=[name, *options, *more], on_exit=on_exit
+        )
 
-        def go_on(event: ProcessExited, context: LaunchContext) -> list[Any]:
-            if event.returncode == 0:
-                return actions
-            return [EmitEvent(event=Shutdown(reason=f"{name} could not be started"))]
+    def spawn_controller() -> list[Any]:
+        return [spawner(controller, ["--inactive"] if commands == "inactive" else [], driver_is_up)]
 
-        return go_on
+    def driver_is_up() -> list[Any]:
+        said = LogInfo(msg=f"the driver is up, {controller} is {commands}")
+        return [said, *(graph.practice(config, config_file) if start == "all" else [])]
 
-    last = _nodes(config, config_file, run_dir) if start == "all" else []
-    last.insert(0, LogInfo(msg=f"the driver is up, {controller} is {commands}"))
-    options = [
-        "--param-file",
-        str(controllers),
-        "--controller-manager-timeout",
-        str(config.run.arm_timeout_s),
-    ]
-    passive = ["--inactive"] if commands == "inactive" else []
-    spawn_controller = _spawner(controller, [*options, *passive], after(controller, last))
     # One after the other: no controller is started for an arm whose state cannot be read.
-    spawn_broadcaster = _spawner(BROADCASTER, options, after(BROADCASTER, [spawn_controller]))
-    return [*_controller_manager(config, controllers), spawn_broadcaster]
-
-
-def _controller_manager(config: Config, controllers: Path) -> list[Any]:
-    """Return the controller manager, and robot_state_publisher, from which it gets the URDF."""
-    from launch.actions import Shutdown
-    from launch_ros.actions import Node
-    from launch_ros.parameter_descriptions import ParameterValue
-
-    urdf = ParameterValue(Path(config.arm.urdf).read_text(encoding="utf-8"), value_type=str)
     return [
-        Node(
-            package="robot_state_publisher",
-            executable="robot_state_publisher",
-            output="screen",
-            parameters=[{"robot_description": urdf}],
-        ),
-        Node(
-            package="controller_manager",
-            executable="ros2_control_node",
-            output="screen",
-            parameters=[str(controllers)],
-            on_exit=Shutdown(reason="the controller manager has ended"),
-        ),
+        graph.robot_state_publisher(Path(config.arm.urdf)),  # from which the controller manager has the URDF
+        graph.node("controller_manager", "ros2_control_node", [str(controllers)]),
+        spawner(BROADCASTER, [], spawn_controller),
     ]
-
-
-def _spawner(name: str, options: list[str], on_exit: Callable[..., Any]) -> Any:
-    """Return the process that loads, configures and activates a controller, and then ends."""
-    from launch_ros.actions import Node
-
-    return Node(
-        package="controller_manager",
-        executable="spawner",
-        arguments=[name, *options],
-        output="screen",
-        on_exit=on_exit,
-    )
-
-
-def _nodes(config: Config, config_file: Path, run_dir: str) -> list[Any]:
-    """Return the nodes of tel_ros, and the command to practise if there is a folder for the run."""
-    from launch.actions import ExecuteProcess, Shutdown
-    from launch_ros.actions import Node
-
-    actions: list[Any] = [
-        Node(
-            package="tel_ros",
-            executable=name,
-            name=name,
-            output="screen",
-            parameters=[{"config": str(config_file)}],
-            # Without any one of them the others have nothing to do; the driver's end takes the effort away.
-            on_exit=Shutdown(reason=f"{name} has ended"),
-        )
-        for name in node_names(config)
-    ]
-    if run_dir:
-        goal = f'{{run_dir: "{Path(run_dir).resolve()}"}}'
-        actions.append(
-            ExecuteProcess(
-                cmd=["ros2", "action", "send_goal", "/practice", "tel_interfaces/action/Practice", goal],
-                output="screen",
-                on_exit=Shutdown(reason="practice is over"),
-            )
-        )
-    return actions
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the driver and the graph."""
     # Imported where it is used: the checks above need no launch, and are tested without.
     from launch import LaunchDescription
-    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+    from launch.actions import DeclareLaunchArgument, GroupAction, OpaqueFunction
+    from launch.substitutions import LaunchConfiguration
+    from launch_ros.actions import PushRosNamespace
 
-    folder = default_config_file().parent
+    from tel_ros.app.launch_graph import arguments
+
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "config",
-                default_value=str(folder / "real_arm.yaml"),
-                description="YAML file of the practice run; its run.arm is external",
-            ),
+            *arguments("real_arm", "the practice run, with run.arm external"),
             DeclareLaunchArgument(
                 "controllers",
                 default_value="",
@@ -255,9 +189,8 @@ def generate_launch_description() -> LaunchDescription:
                 choices=["active", "inactive"],
                 description="state of the controller of commands; inactive: none reaches the motors",
             ),
-            DeclareLaunchArgument(
-                "run_dir", default_value="", description="new folder for the run; empty: wait for /practice"
+            GroupAction(
+                [PushRosNamespace(LaunchConfiguration("namespace")), OpaqueFunction(function=start_arm)]
             ),
-            OpaqueFunction(function=start_arm),
         ]
     )

@@ -11,7 +11,7 @@ import importlib.util
 import re
 import shutil
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -230,9 +230,13 @@ class Started:
         launch = pytest.importorskip("launch")
         self.context = launch.LaunchContext()
         self.context.launch_configurations.update(arguments)
-        *declared, function = module.generate_launch_description().entities
+        self.failures: list[str] = []
+        loop = SimpleNamespace(call_exception_handler=lambda about: self.failures.append(about["message"]))
+        self.context._set_asyncio_loop(loop)
+        *declared, group = module.generate_launch_description().entities
         for argument in declared:
             argument.execute(self.context)
+        (function,) = (e for e in group.get_sub_entities() if type(e).__name__ == "OpaqueFunction")
         self.actions = function.execute(self.context)
         self.next = self.actions
 
@@ -266,9 +270,10 @@ def test_a_controller_that_cannot_be_started_ends_everything(launch_file: Module
     for _ in range(good):
         started.end("spawner", 0)
     started.end("spawner", 1)
-    (action,) = started.next
     name = ["joint_state_broadcaster", "effort_controller"][good]
-    assert action.event.reason == f"{name} could not be started"
+    assert started.failures == [f"{name} could not be started"]
+    ended = {type(action.event).__name__ for action in started.next}
+    assert ended == {"ShutdownProcess"} and len(started.next) == 3 + good
 
 
 def test_the_driver_alone_and_the_nodes_alone(launch_file: ModuleType) -> None:
