@@ -49,7 +49,7 @@ from tel_ros.nodes.pause import Pause
 from tel_ros.nodes.progress import Progress
 from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, namespace_hint, send_goal, wait
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import (
     NETWORK_FILE,
@@ -226,11 +226,13 @@ class PracticeManagerNode(Node):
 
     def _wait_for_arm(self, timeout_s: float) -> None:
         if not self._ready.wait(timeout_s):
+            commands = topics.COMMANDS[self._config.arm.command_interface]
+            missing = [topics.JOINT_STATES] if self.count_publishers(topics.JOINT_STATES) == 0 else []
+            missing += [commands] if self.count_subscribers(commands) == 0 else []
             raise NoAnswerError(
                 f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
                 f"{self.resolve_topic_name(topics.JOINT_STATES)} and a subscriber of "
-                f"{self.resolve_topic_name(topics.COMMANDS[self._config.arm.command_interface])}, "
-                "and the arm at rest"
+                f"{self.resolve_topic_name(commands)}, and the arm at rest.{namespace_hint(self, *missing)}"
             )
 
     def _trial(

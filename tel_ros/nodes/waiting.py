@@ -10,9 +10,10 @@ from typing import Any
 
 from rclpy.action import ActionClient
 from rclpy.client import Client
+from rclpy.node import Node
 from rclpy.task import Future
 
-from tel_ros.core.errors import TelError
+from tel_ros.core.errors import TelError, look_alikes
 
 _POLL_PERIOD_S = 0.1
 AGAIN_S = 5.0
@@ -126,3 +127,11 @@ def send_goal(client: ActionClient, goal: Any, timeout_s: float, on_feedback: Ca
     if not handle.accepted:
         raise NoAnswerError(f"{name} rejected the goal")
     return handle
+
+
+def namespace_hint(node: Node, *topics: str) -> str:
+    """Return a sentence that names existing topics which may be meant by missing ones; may be empty."""
+    names = [name for name, _ in node.get_topic_names_and_types()]
+    missing = [node.resolve_topic_name(topic) for topic in topics]
+    alike = sorted({other for topic in missing for other in look_alikes(topic, names)})
+    return f" There is {' and '.join(alike)}: is the namespace right?" if alike else ""

@@ -213,7 +213,7 @@ def test_without_an_arm_the_exit_code_is_3() -> None:
 
 def test_joint_states_in_another_namespace_are_named(graph_node: Node) -> None:
     graph_node.create_publisher(JointState, "/robot1/joint_states", 1)
-    said = "There is /robot1/joint_states: is --namespace right?"
+    said = "There is /robot1/joint_states: is the namespace right?"
     arguments = ("--set", "run.arm=external", "--set", "run.arm_timeout_s=2", "--passive")
     wait_until(lambda: said in run(*arguments)[2], 30.0, "the topic that exists")
 

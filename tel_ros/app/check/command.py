@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import signal
 import sys
+from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich import box
@@ -22,13 +22,11 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
-from tel_ros.core.check.evidence import Verdict
+from tel_ros.core.check.checks import worst
+from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
-
-if TYPE_CHECKING:
-    from tel_ros.app.check.run import CheckReport
 
 EXIT_WRONG = 1
 _OUT = Console()
@@ -95,7 +93,7 @@ def check(
     interrupted.
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
-    from tel_ros.app.check.run import CheckOptions, check_arm
+    from tel_ros.app.check.run import check_arm
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm may move.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -110,8 +108,9 @@ def check(
             return False
 
     try:
-        options = CheckOptions(PulseBounds(effort_share, range_rad), passive, listen_s)
-        report = check_arm(load_config(config_file, overrides), options, agree, namespace)
+        bounds = PulseBounds(effort_share, range_rad)
+        config = load_config(config_file, overrides)
+        findings = check_arm(config, None if passive else bounds, agree, listen_s, namespace)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input
         end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
@@ -120,34 +119,33 @@ def check(
     except KeyboardInterrupt:
         end("interrupted: zero effort was commanded if anything was", EXIT_INTERRUPTED)
     if as_json:
-        click.echo(json.dumps(report.as_plain(), indent=2))
+        keys = ("check", "joint", "verdict", "measured", "expected", "mend")
+        plain = [{key: getattr(f, key) for key in keys} | {"verdict": f.verdict.value} for f in findings]
+        click.echo(json.dumps({"verdict": worst(findings).value, "findings": plain}, indent=2))
     else:
-        _show(report)
-    sys.exit(EXIT_WRONG if report.verdict is Verdict.WRONG else 0)
+        _show(findings)
+    sys.exit(EXIT_WRONG if worst(findings) is Verdict.WRONG else 0)
 
 
-def _show(report: CheckReport) -> None:
+def _show(findings: list[Finding]) -> None:
     if not _OUT.is_terminal:
         _OUT.width = _LOG_WIDTH
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("check", "joint", "", "measured", "expected"):
         table.add_column(heading, overflow="fold")
-    for finding in report.findings:
+    for finding in findings:
         mark = f"[{_COLOURS[finding.verdict]}]{finding.verdict.value}[/]"
         table.add_row(finding.check, finding.joint, mark, finding.measured, finding.expected)
     _OUT.print(table)
-    mend = [f for f in report.findings if f.verdict in (Verdict.WRONG, Verdict.WARNING)]
-    for finding in mend:
-        where = f"{finding.check} {finding.joint}".strip()
-        _OUT.print(f"{finding.verdict.value}: {where}: {finding.mend}", highlight=False, soft_wrap=True)
-    _OUT.print(_verdict_line(report), highlight=False, soft_wrap=True)
-
-
-def _verdict_line(report: CheckReport) -> str:
-    counts = {verdict: sum(f.verdict is verdict for f in report.findings) for verdict in Verdict}
-    rest = f"{counts[Verdict.WARNING]} warnings, {counts[Verdict.NOT_CHECKED]} not checked"
-    if report.verdict is Verdict.WRONG:
-        return f"verdict  {counts[Verdict.WRONG]} things are wrong, {rest}: fix them before the arm moves"
-    if any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in report.findings):
-        return f"verdict  nothing wrong as far as listening shows, {rest}"
-    return f"verdict  nothing wrong, {rest}"
+    for finding in findings:
+        if finding.verdict in (Verdict.WRONG, Verdict.WARNING):
+            where = f"{finding.check} {finding.joint}".strip()
+            _OUT.print(f"{finding.verdict.value}: {where}: {finding.mend}", highlight=False, soft_wrap=True)
+    n = Counter(finding.verdict for finding in findings)
+    rest = f"{n[Verdict.WARNING]} warnings, {n[Verdict.NOT_CHECKED]} not checked"
+    line = f"nothing wrong, {rest}"
+    if n[Verdict.WRONG]:
+        line = f"{n[Verdict.WRONG]} things are wrong, {rest}: fix them before the arm moves"
+    elif any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in findings):
+        line = f"nothing wrong as far as listening shows, {rest}"
+    _OUT.print(f"verdict  {line}", highlight=False, soft_wrap=True)

@@ -5,30 +5,29 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tel_ros.app.bring_up import NodeProcesses, require_simulator
 from tel_ros.app.errors import GraphError
-from tel_ros.core.check.checks import LISTENING, MOVING, judge, worst
-from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding, Verdict
+from tel_ros.core.check.checks import LISTENING, MOVING, judge
+from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding
 from tel_ros.core.check.pulses import MOST_STATE_GAP_S, PulseBounds, PulseGuard
 from tel_ros.core.check.session import PulseSession
 from tel_ros.core.config import ArmConfig, Config
-from tel_ros.core.errors import ConfigError, look_alikes
+from tel_ros.core.errors import ConfigError
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes.arm_check import ArmClient, endpoints
+from tel_ros.nodes.waiting import namespace_hint
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
 from tel_ros.recording.urdf import read_urdf
 
-LISTEN_S = 2.0
 CHANNEL_TIMEOUT_S = 5.0
 DISCOVERY_S = 0.5
 
@@ -39,55 +38,16 @@ class NoArmError(GraphError):
     """No joint states have come."""
 
 
-@dataclass(frozen=True)
-class CheckOptions:
-    """How to check.
-
-    Args:
-        bounds: of the pulses.
-        passive: listen only.
-        listen_s: for how long.
-
-    Raises:
-        ConfigError: ``listen_s`` is too short or too long.
-    """
-
-    bounds: PulseBounds = PulseBounds()
-    passive: bool = False
-    listen_s: float = LISTEN_S
-
-    def __post_init__(self) -> None:
-        if not 0.5 <= self.listen_s <= 600.0:
-            raise ConfigError("listen_s", self.listen_s, "0.5 to 600 s")
-
-
-@dataclass(frozen=True)
-class CheckReport:
-    """All findings, in the order of the table."""
-
-    findings: tuple[Finding, ...]
-
-    @property
-    def verdict(self) -> Verdict:
-        """The worst of all."""
-        return worst(self.findings)
-
-    def as_plain(self) -> dict[str, Any]:
-        """Return it as nested dictionaries, lists and scalars."""
-        keys = ("check", "joint", "verdict", "measured", "expected", "mend")
-        findings = [
-            {key: getattr(f, key) for key in keys} | {"verdict": f.verdict.value} for f in self.findings
-        ]
-        return {"verdict": self.verdict.value, "findings": findings}
-
-
-def check_arm(config: Config, options: CheckOptions, agree: Agree, namespace: str = "/") -> CheckReport:
-    """Check an arm; the simulated one is started for that, in real time.
+def check_arm(
+    config: Config, bounds: PulseBounds | None, agree: Agree, listen_s: float = 2.0, namespace: str = "/"
+) -> list[Finding]:
+    """Check an arm and return all findings, in the order of the table; a simulated one is started for that.
 
     Args:
         config: of the practice run that is planned.
-        options: how to check.
+        bounds: of the pulses; None: listen only.
         agree: is asked before a real arm is pulsed, with what is going to happen; False: it is not.
+        listen_s: for how long to listen first.
         namespace: of the arm.
 
     Raises:
@@ -96,6 +56,8 @@ def check_arm(config: Config, options: CheckOptions, agree: Agree, namespace: st
         GraphError: the simulated arm did not come up or died.
         KeyboardInterrupt: passed on after zero effort was commanded.
     """
+    if not 0.5 <= listen_s <= 600.0:
+        raise ConfigError("listen_s", listen_s, "0.5 to 600 s")
     config = replace(config, sim=replace(config.sim, clock="realtime"))
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
@@ -105,10 +67,16 @@ def check_arm(config: Config, options: CheckOptions, agree: Agree, namespace: st
         ArmClient(config.arm.joints, still_there, namespace) as client,
     ):
         _wait_for_states(client, config)
-        listened = _listen(client, config, options)
+        listened = _listen(client, config, listen_s)
         findings = judge(listened, LISTENING)
-        moved = _move(client, config, options, agree, listened, findings)
-        return CheckReport((*findings, *judge(moved, MOVING)))
+        why = _why_not_pulsed(client, config, bounds, agree, findings)
+        if bounds is not None and not why:
+            moved = _pulse(client, config, bounds, listened)
+        else:
+            states = client.states()
+            enough = len(states) >= ENOUGH_STATES and not any(finding.blocks for finding in findings)
+            moved = replace(listened, not_pulsed=why, moving=states if enough else None)
+        return findings + judge(moved, MOVING)
 
 
 @contextmanager
@@ -146,11 +114,9 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
         topic = client.node.resolve_topic_name(topics.JOINT_STATES)
-        alike = look_alikes(topic, (name for name, _ in client.node.get_topic_names_and_types()))
-        where = f"There is {' and '.join(alike)}: is --namespace right? " if alike else ""
         raise NoArmError(
-            f"no joint states on {topic} within {timeout_s:g} s. {where}Is the arm's driver running, "
-            "its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
+            f"no joint states on {topic} within {timeout_s:g} s.{namespace_hint(client.node, topic)} "
+            "Is the arm's driver running, its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
         )
     # Its first states come while everything else is still starting.
     client.spin_for(DISCOVERY_S)
@@ -161,8 +127,8 @@ def _command_topic(config: Config) -> str:
     return topics.COMMANDS[config.arm.command_interface]
 
 
-def _listen(client: ArmClient, config: Config, options: CheckOptions) -> Evidence:
-    client.spin_for(options.listen_s)
+def _listen(client: ArmClient, config: Config, listen_s: float) -> Evidence:
+    client.spin_for(listen_s)
     return Evidence(
         config.arm,
         config.control.rate_hz,
@@ -170,50 +136,37 @@ def _listen(client: ArmClient, config: Config, options: CheckOptions) -> Evidenc
         *endpoints(client, _command_topic(config)),
         names=client.names,
         malformed=client.malformed,
-        listened_s=options.listen_s,
+        listened_s=listen_s,
         arm_has_own_clock=config.run.arm == "sim",
     )
 
 
-def _move(
-    client: ArmClient,
-    config: Config,
-    options: CheckOptions,
-    agree: Agree,
-    listened: Evidence,
-    findings: Sequence[Finding],
-) -> Evidence:
-    """Return what is known after the pulses, or why there were none and what was heard meanwhile."""
-    blocking = list(dict.fromkeys(finding.check for finding in findings if finding.blocks))
-    why = ""
-    if options.passive:
-        why = "not sent, as asked"
-    elif config.arm.command_interface == "position":
+def _why_not_pulsed(
+    client: ArmClient, config: Config, bounds: PulseBounds | None, agree: Agree, findings: list[Finding]
+) -> str:
+    """Return why the arm is not to be pulsed; empty once somebody has agreed and the channel is open."""
+    blocking = dict.fromkeys(finding.check for finding in findings if finding.blocks)
+    if bounds is None:
+        return "not sent, as asked"
+    if config.arm.command_interface == "position":
         # Zero effort, with which every pulse ends, would be a posture.
-        why = "not sent: the drives take positions (arm.command_interface), and pulses are efforts"
-    elif blocking:
-        why = f"not sent until this is fixed: {', '.join(blocking)}"
-    elif config.run.arm != "sim" and not agree(_announcement(config, options.bounds)):
-        why = "not sent: nobody has agreed"
-    elif not client.open_channel(
-        SafetyLayer(config.arm, config.safety, config.control.rate_hz), CHANNEL_TIMEOUT_S
-    ):
-        why = "not sent: nobody listens to the commands"
-    if not why:
-        return _pulse(client, config, options, listened)
-    states = client.states()
-    enough = len(states) >= ENOUGH_STATES and not blocking
-    return replace(listened, not_pulsed=why, moving=states if enough else None)
+        return "not sent: the drives take positions (arm.command_interface), and pulses are efforts"
+    if blocking:
+        return f"not sent until this is fixed: {', '.join(blocking)}"
+    if config.run.arm != "sim" and not agree(_announcement(config, bounds)):
+        return "not sent: nobody has agreed"
+    layer = SafetyLayer(config.arm, config.safety, config.control.rate_hz)
+    return "" if client.open_channel(layer, CHANNEL_TIMEOUT_S) else "not sent: nobody listens to the commands"
 
 
-def _pulse(client: ArmClient, config: Config, options: CheckOptions, listened: Evidence) -> Evidence:
+def _pulse(client: ArmClient, config: Config, bounds: PulseBounds, listened: Evidence) -> Evidence:
     resolution = client.states().resolution_rad()
     client.forget()
     if not client.spin_until(lambda: len(client.states()) > 0, CHANNEL_TIMEOUT_S):
         raise NoArmError("the joint states have stopped")
     start = client.states()
     state_gap_s = min(config.control.state_timeout_s, MOST_STATE_GAP_S)
-    guard = PulseGuard(config.arm, options.bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
+    guard = PulseGuard(config.arm, bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
     session = PulseSession(guard, np.array(config.arm.damping_nms_per_rad), resolution, client.states)
     client.run(session.programs())
     states = client.states()

@@ -79,16 +79,10 @@ class StateRecord:
 
 @dataclass(frozen=True)
 class Pulse:
-    """A torque one way and then the other way for as long, as it was sent, on the clock of ``received_s``.
+    """Torque on a joint (a number) one way and then the other way, as it was sent, on our clock.
 
-    Args:
-        joint: which one, as a number.
-        effort_nm: of the first half, signed.
-        start_s: first command of the first half.
-        turn_s: first command of the second half.
-        zero_s: first command of zero effort after it.
-        end_s: when the arm had been left alone for a moment, before anything braked it.
-        states: from a moment before ``start_s`` until ``end_s``.
+    ``effort_nm`` from ``start_s``, its opposite from ``turn_s``, zero from ``zero_s``. At ``end_s`` the arm
+    had been left alone for a moment, not yet braked. ``states`` begin a moment before ``start_s``.
     """
 
     joint: int
@@ -116,16 +110,7 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Silence:
-    """A constant torque, and then no command at all.
-
-    Args:
-        joint: which one, as a number.
-        effort_nm: that was commanded last.
-        start_s: first command.
-        silent_s: last command.
-        end_s: the end of the silence: zero effort was commanded then.
-        states: from ``start_s`` until ``end_s``.
-    """
+    """A constant torque from ``start_s`` to ``silent_s``, the last command, and then none until ``end_s``."""
 
     joint: int
     effort_nm: float

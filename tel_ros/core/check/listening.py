@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -168,16 +168,19 @@ def positions(seen: Evidence) -> Iterator[Finding]:
     )
 
 
-def velocities(seen: Evidence) -> Iterator[Finding]:
-    """Velocities are sent."""
-    mend = "they are then estimated from positions, which adds delay"
-    yield _sent(seen.states, seen.states.velocity_rad_s, mend)
+def sent(column: str, mend: str) -> Callable[[Evidence], Iterator[Finding]]:
+    """Return a check of whether a column of the states is sent."""
+
+    def judge(seen: Evidence) -> Iterator[Finding]:
+        missing = _not_finite(seen.states, getattr(seen.states, column))
+        measured = f"missing: {missing}" if missing else "sent"
+        yield judged(not missing, measured, "sent for each joint", mend, otherwise=Verdict.WARNING)
+
+    return judge
 
 
-def efforts(seen: Evidence) -> Iterator[Finding]:
-    """Efforts are sent."""
-    mend = "a dead channel and the watchdog are then judged from the motion alone"
-    yield _sent(seen.states, seen.states.effort_nm, mend)
+velocities = sent("velocity_rad_s", "they are then estimated from positions, which adds delay")
+efforts = sent("effort_nm", "a dead channel and the watchdog are then judged from the motion alone")
 
 
 def posture(seen: Evidence) -> Iterator[Finding]:
@@ -255,12 +258,6 @@ def _rate(times_s: FloatArray, rate_hz: float, mend: str) -> Finding:
     found_hz = (len(times_s) - 1) / span_s if span_s > 0.0 else 0.0
     good = abs(found_hz / rate_hz - 1.0) <= RATE_TOLERANCE
     return judged(good, f"{found_hz:.1f} Hz", f"{rate_hz:g} Hz within {RATE_TOLERANCE:.0%}", mend)
-
-
-def _sent(states: StateRecord, values: FloatArray, mend: str) -> Finding:
-    missing = _not_finite(states, values)
-    measured = f"missing: {missing}" if missing else "sent"
-    return judged(not missing, measured, "sent for each joint", mend, otherwise=Verdict.WARNING)
 
 
 def _not_finite(states: StateRecord, values: FloatArray) -> str:

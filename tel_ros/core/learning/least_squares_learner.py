@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -31,35 +31,13 @@ from tel_ros.core.learning.learner import (
 )
 from tel_ros.core.learning.least_squares import TreeData, TreeRegression, on_one_thread
 from tel_ros.core.learning.lms_tree import growth_text, new_trees, restore_trees, tree_arrays
+from tel_ros.core.learning.rigid_body import RigidBodyLearner
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import BoolArray, FloatArray
 
 BASE = "base_"
 """Begins the names of the stored arrays of the base."""
 _FIRST_STRENGTH = 0.1
-
-
-class Base(Protocol):
-    """A model that the trees only have to correct: a learner with these."""
-
-    changed: bool
-    stuck_trust: FloatArray
-
-    def predict(self, inputs: FloatArray) -> FloatArray:
-        """Return u - q [rad]."""
-        ...
-
-    def leverage(self, inputs: FloatArray) -> FloatArray:
-        """Return the variance of the prediction in units of that of a sample."""
-        ...
-
-    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a model that has learned from one trial."""
-        ...
-
-    def stored(self) -> StoredLearner:
-        """Return everything that it depends on."""
-        ...
 
 
 class LeastSquaresLearner:
@@ -74,7 +52,7 @@ class LeastSquaresLearner:
         base: what the trees correct, or None.
     """
 
-    def __init__(self, context: LearnerContext, base: Base | None = None) -> None:
+    def __init__(self, context: LearnerContext, base: RigidBodyLearner | None = None) -> None:
         self.context, self.trials_learned, self.base = context, 0, base
         self.changed = False
         """Whether the latest trial could not be explained together with the earlier ones."""
@@ -83,7 +61,9 @@ class LeastSquaresLearner:
         self._calibration = Calibration.unknown(len(context.joints))
 
     @classmethod
-    def restored(cls, context: LearnerContext, stored: StoredLearner, base: Base | None = None) -> Self:
+    def restored(
+        cls, context: LearnerContext, stored: StoredLearner, base: RigidBodyLearner | None = None
+    ) -> Self:
         """Return a learner from its description."""
         learner = cls(context, base)
         learner.trials_learned = int(stored.header["trials_learned"])
