@@ -14,8 +14,9 @@ import yaml
 
 from tel_ros import __version__
 from tel_ros.core.config import Config, file_values
+from tel_ros.core.config_fields import read_record
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.recording.config_file import flat_values, load_config, read_record, read_yaml
+from tel_ros.recording.config_file import flat_values, load_config, read_yaml
 
 CASE = "case"
 """Name of the column that tells cases apart."""

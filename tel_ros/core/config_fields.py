@@ -10,15 +10,19 @@ from __future__ import annotations
 import ast
 import inspect
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from operator import attrgetter
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from tel_ros.core.errors import ConfigError
 
 JointValues = tuple[float, ...]
+SourceOf = Callable[[str], str | None]
+"""From a dotted key to the file or option that it came from."""
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
@@ -183,3 +187,70 @@ class Checked:
             one_each = f"{len(joints)} {field.expected}, one for each of the joints {', '.join(joints)}"
             expected = one_each if field.is_required else f"nothing, or {one_each}"
             raise ConfigError(f"{section}{name}", list(values), expected)
+
+
+def read_record(
+    record: type[Record], raw: Any, source_of: SourceOf = lambda key: None, section: str = ""
+) -> Record:
+    """Check nested plain values against the types of a dataclass, and return them as one.
+
+    Args:
+        record: its fields are text, numbers, true or false, literals, anything, dataclasses (or None), or
+            tuples and dictionaries of those.
+        raw: as read from YAML.
+        source_of: for messages.
+        section: in front of the keys in messages.
+
+    Raises:
+        ConfigError: a key is unknown or missing, or a value is wrong.
+    """
+    fields, prefix = declared(record), f"{section}." if section else ""
+    if not isinstance(raw, Mapping):
+        raise ConfigError(section, raw, "keys and values", source_of(section))
+    for name, value in raw.items():
+        if name not in fields:
+            key = f"{prefix}{name}"
+            raise ConfigError(key, value, f"a known key: {', '.join(fields)}", source_of(key))
+    values = {}
+    for name, field in fields.items():
+        if name in raw or field.is_required:
+            key = f"{prefix}{name}"
+            if name not in raw:
+                raise ConfigError(key, "missing", field.expected, source_of(key))
+            values[name] = _read(field.hint, raw[name], key, field.expected, source_of)
+    try:
+        return record(**values)
+    except ConfigError as error:
+        full = error.inside(section)
+        raise full.inside("", source_of(full.key)) from None
+
+
+def _read(hint: Any, value: Any, key: str, expected: str, source_of: SourceOf) -> Any:
+    """Return a plain value as a field's type. Text like 1e-3, no number in YAML 1.1, counts as one."""
+    origin, of = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return value
+    if origin is UnionType:  # with None
+        return None if value is None else _read(of[0], value, key, in_words(of[0]), source_of)
+    if is_dataclass(hint):
+        return read_record(hint, value, source_of, key)  # type: ignore[arg-type]
+    if origin is tuple and isinstance(value, list | tuple):
+        element = in_words(of[0])
+        return tuple(_read(of[0], each, f"{key}.{i}", element, source_of) for i, each in enumerate(value))
+    if origin is dict and isinstance(value, Mapping):
+        return {
+            name: _read(of[1], each, f"{key}.{name}", in_words(of[1]), source_of)
+            for name, each in value.items()
+        }
+    if origin is Literal and value in of:
+        return value
+    if hint is float and isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    if hint is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if hint in (bool, str, int) and type(value) is hint:
+        return value
+    raise ConfigError(key, value, expected, source_of(key))

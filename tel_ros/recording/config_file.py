@@ -8,23 +8,19 @@ expected.
 from __future__ import annotations
 
 import dataclasses
+import json
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any
 
 import yaml
 
 from tel_ros.core.config import Config, file_keys
-from tel_ros.core.config_fields import declared, in_words
+from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.shared_files import config_folder, named_file
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
-
-SourceOf = Callable[[str], str | None]
-"""From a dotted key to the file or option that it came from."""
-Record = TypeVar("Record")
 
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
 """Keys of the previous version, which still work. Files say so with a warning, recorded runs silently."""
@@ -74,10 +70,7 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
         if isinstance(values, dict) and name in values:
             values[name] = _resolved(key, values[name], file_of(key).parent)
     source_of = _overridden(raw, overrides, lambda key: str(file_of(key)))
-    for old, new in RENAMED.items():
-        if _value(raw, old) is not None:
-            warnings.warn(f"{source_of(old)}: {old} is called {new} now", FutureWarning, stacklevel=2)
-    config = config_from(raw, source_of)
+    config = config_from(_renamed(raw, source_of), source_of)
     return _with_urdf_limits(config, source_of)
 
 
@@ -116,83 +109,10 @@ def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) 
     return read_record(Config, _renamed(raw), source_of)
 
 
-def read_record(
-    record: type[Record], raw: Any, source_of: SourceOf = lambda key: None, section: str = ""
-) -> Record:
-    """Check nested plain values against the types of a dataclass, and return them as one.
-
-    Args:
-        record: the dataclass. Its fields are text, numbers, true or false, literals, anything, dataclasses
-            (or None), or tuples and dictionaries of those.
-        raw: as read from YAML.
-        source_of: from a dotted key to the file or option that it came from, for messages.
-        section: in front of the keys in messages.
-
-    Raises:
-        ConfigError: a key is unknown or missing, or a value is wrong.
-    """
-    fields, prefix = declared(record), f"{section}." if section else ""
-    if not isinstance(raw, Mapping):
-        raise ConfigError(section, raw, "keys and values", source_of(section))
-    for name, value in raw.items():
-        if name not in fields:
-            key = f"{prefix}{name}"
-            raise ConfigError(key, value, f"a known key: {', '.join(fields)}", source_of(key))
-    values = {}
-    for name, field in fields.items():
-        if name in raw or field.is_required:
-            key = f"{prefix}{name}"
-            if name not in raw:
-                raise ConfigError(key, "missing", field.expected, source_of(key))
-            values[name] = _read(field.hint, raw[name], key, field.expected, source_of)
-    try:
-        return record(**values)
-    except ConfigError as error:
-        full = error.inside(section)
-        raise full.inside("", source_of(full.key)) from None
-
-
-def _read(hint: Any, value: Any, key: str, expected: str, source_of: SourceOf) -> Any:
-    """Return a plain value as a field's type; text is taken for a number where YAML 1.1 does not: 1e-3."""
-    origin, of = get_origin(hint), get_args(hint)
-    if hint is Any:
-        return value
-    if origin is UnionType:  # with None
-        return None if value is None else _read(of[0], value, key, in_words(of[0]), source_of)
-    if dataclasses.is_dataclass(hint):
-        return read_record(hint, value, source_of, key)  # type: ignore[arg-type]
-    if origin is tuple and isinstance(value, list | tuple):
-        element = in_words(of[0])
-        return tuple(_read(of[0], each, f"{key}.{i}", element, source_of) for i, each in enumerate(value))
-    if origin is dict and isinstance(value, Mapping):
-        return {
-            name: _read(of[1], each, f"{key}.{name}", in_words(of[1]), source_of)
-            for name, each in value.items()
-        }
-    if origin is Literal and value in of:
-        return value
-    if hint is float and isinstance(value, int | float | str) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except (ValueError, OverflowError):
-            pass
-    if hint is int and isinstance(value, float) and value.is_integer():
-        return int(value)
-    if hint in (bool, str, int) and type(value) is hint:
-        return value
-    raise ConfigError(key, value, expected, source_of(key))
-
-
 def to_plain(config: Config) -> dict[str, Any]:
     """Return a configuration as nested dictionaries, lists and scalars."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {key: plain(item) for key, item in value.items()}
-        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-    result: dict[str, Any] = plain(dataclasses.asdict(config))
-    return result
+    plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
+    return plain
 
 
 def dump_config(config: Config) -> str:
@@ -244,29 +164,24 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return raw
 
 
-def _value(raw: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a dotted key; None if there is none."""
-    value: Any = raw
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return value
-
-
-def _renamed(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the values under today's names."""
+def _renamed(raw: Mapping[str, Any], warn_of: SourceOf | None = None) -> Mapping[str, Any]:
+    """Return the values under today's names; where a value has both names, today's counts."""
     for old, new in RENAMED.items():
-        if (value := _value(raw, old)) is not None and _value(raw, new) is None:
-            (section, before), after = old.split("."), new.split(".")[1]
-            kept = {key: item for key, item in raw[section].items() if key != before}
-            raw = {**raw, section: {**kept, after: value}}
+        section, name = old.split(".")
+        values = raw.get(section)
+        if isinstance(values, Mapping) and name in values:
+            if warn_of:
+                warnings.warn(f"{warn_of(old)}: {old} is called {new} now", FutureWarning, stacklevel=3)
+            others = {key: value for key, value in values.items() if key != name}
+            raw = {**raw, section: {new.split(".")[1]: values[name], **others}}
     return raw
 
 
-def _overridden(raw: dict[str, Any], overrides: Iterable[str], source_of: Callable[[str], str]) -> SourceOf:
+def _overridden(raw: dict[str, Any], overrides: Iterable[str], source_of: SourceOf) -> SourceOf:
     """Put values in the place of others, and return where each key's value comes from now."""
     options = dict(_override(raw, assignment) for assignment in overrides)
 
-    def source(key: str) -> str:
+    def source(key: str) -> str | None:
         for option, text in options.items():
             if _one_holds_the_other(key, option):
                 return f"--set {text}"
@@ -281,11 +196,8 @@ def _one_holds_the_other(key: str, other: str) -> bool:
 
 def _resolved(key: str, value: Any, folder: Path) -> Any:
     """Return the value of a key as an absolute file name, if it names a file."""
-    return (
-        str(named_file(value, folder, key))
-        if key in file_keys() and isinstance(value, str) and value
-        else value
-    )
+    names_file = key in file_keys() and isinstance(value, str) and value
+    return str(named_file(value, folder, key)) if names_file else value
 
 
 def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
@@ -297,6 +209,9 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         value = yaml.safe_load(text)
     except yaml.YAMLError:
         raise ConfigError(key, text, "a value in YAML", f"--set {assignment}") from None
+    if key in RENAMED:
+        warnings.warn(f"--set {assignment}: {key} is called {RENAMED[key]} now", FutureWarning, stacklevel=5)
+        key = RENAMED[key]
     value = _resolved(key, value, Path.cwd())
     if key in _REPLACES and value and isinstance(raw.get("path"), dict):
         raw["path"].pop(_REPLACES[key], None)
@@ -305,7 +220,7 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
 
 
 def _assign(raw: dict[str, Any], key: str, value: Any, source: str) -> None:
-    *sections, name = RENAMED.get(key, key).split(".")
+    *sections, name = key.split(".")
     values = raw
     for section in sections:
         values = values.setdefault(section, {})

@@ -461,9 +461,11 @@ def test_a_key_of_the_version_before_still_works_with_a_warning(edit: Edit) -> N
         FutureWarning, match=r"run\.yaml: control\.corridor_rad is called control\.path_tolerance_rad"
     ):
         assert load_config(file).control.path_tolerance_rad == 0.8
-    assert (
-        load_config(default_config_file(), ["control.corridor_rad=0.125"]).control.path_tolerance_rad == 0.125
-    )
+    with pytest.warns(
+        FutureWarning, match=r"--set control\.corridor_rad=0\.125: control\.corridor_rad is called"
+    ):
+        config = load_config(default_config_file(), ["control.corridor_rad=0.125"])
+    assert config.control.path_tolerance_rad == 0.125
 
 
 @pytest.mark.parametrize("key", file_keys())
