@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -104,9 +103,7 @@ class BagPlayer:
         """Return the player."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Wait until what was published has arrived, unless something went wrong, and end."""
         if kind is None:
             end = time.monotonic() + _LAST_WORDS_S

@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
+from typing import Self
 
 import yaml
 from rosbags.interfaces import Connection, Qos
@@ -29,19 +29,13 @@ UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""
 
 CHECKSUMS = "SHA256SUMS"
-"""File in a bag with the sums of its data files, as ``sha256sum -c`` reads it.
-
-MCAP has a place for checksums of its own, but rosbags leaves it empty.
-"""
+"""File in a bag with the sums of its data files for ``sha256sum -c``: rosbags leaves MCAP's own empty."""
 
 CUSTOM_DATA_FILE = "custom_data.yaml"
-"""File in an unfinished bag with what will be stored beside the messages.
-
-rosbag2 has no place for it before a bag is closed; after a crash it is what tells the configuration.
-"""
+"""File in an unfinished bag with the metadata, which rosbag2 stores only when it closes a bag."""
 
 RECOVERED = "recovered"
-"""Key of the custom data that marks a bag as what a crash has left of one; says how much that is."""
+"""Key of the custom data that marks a bag as saved after a crash, and says how much was saved."""
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _DISK_ERRORS = (OSError, sqlite3.Error)
@@ -54,7 +48,7 @@ def sha256(file: Path) -> str:
 
 
 def free_mb(path: Path) -> float:
-    """Return how much room [MB] is left where a file or folder is, or will be."""
+    """Return the free space [MB] on the disk of a file or folder that exists or will."""
     existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     return shutil.disk_usage(existing).free / 1e6
 
@@ -62,9 +56,8 @@ def free_mb(path: Path) -> float:
 class BagWriter:
     """Writes serialised messages as they come, without touching their bytes.
 
-    The bag grows in a folder of its own and gets its name only when it has been closed: a bag under its own
-    name is whole. What a crash leaves behind stays under ``.unfinished``; a crash of this process or of the
-    machine costs it at most the last ``chunk_s`` of messages.
+    The bag grows under ``.unfinished`` and gets its name only when it is closed: a bag under its own name is
+    whole. A crash of this process or of the machine costs at most the last ``chunk_s`` of messages.
 
     Args:
         bag: folder of the bag.
@@ -121,11 +114,7 @@ class BagWriter:
         self.counts[topic] = 0
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
-        """Append one serialised message.
-
-        Raises:
-            BagError: the disk does not take it.
-        """
+        """Append one serialised message; raise a BagError if the disk does not take it."""
         try:
             self._writer.write(self._connections[topic], time_ns, serialised)
             self.counts[topic] += 1
@@ -138,11 +127,7 @@ class BagWriter:
             raise self._disk_error("cannot be written", error) from error
 
     def flush(self) -> None:
-        """Bring everything that has been written to the disk.
-
-        Raises:
-            BagError: the disk does not take it.
-        """
+        """Bring everything that has been written to the disk; raise a BagError if it is not taken."""
         try:
             self._flush()
         except _DISK_ERRORS as error:
@@ -184,13 +169,11 @@ class BagWriter:
         with suppress(OSError):  # bags of others are in there
             self._staging.parent.rmdir()
 
-    def __enter__(self) -> BagWriter:
+    def __enter__(self) -> Self:
         """Return the writer."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the bag, or give it up after an error."""
         if kind is None:
             self.close()
@@ -248,11 +231,7 @@ class TrialBagWriter(BagWriter):
             self._add(topic, kind)
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
-        """Append one serialised message.
-
-        Raises:
-            BagError: the disk does not take it.
-        """
+        """Append one serialised message; raise a BagError if the disk does not take it."""
         if topic not in self._names:
             # Which of the topics of commands a trial has shows when the first one comes.
             self._add(topic, topics.RECORDED_COMMANDS[topic])
@@ -261,10 +240,6 @@ class TrialBagWriter(BagWriter):
     def _add(self, topic: str, kind: str) -> None:
         name = self._names[topic] = topics.absolute(topic, self._namespace)
         self.add_topic(name, kind, self._store, [offered_qos(name)])
-
-    def __enter__(self) -> TrialBagWriter:
-        """Return the writer."""
-        return self
 
 
 def _sync(path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tel_ros.core.config import ArmConfig, PathConfig
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import InputFileError
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.paths import named_path, waypoint_path
 from tel_ros.core.types import FloatArray
@@ -22,27 +22,20 @@ def load_path(path: PathConfig, arm: ArmConfig) -> JointPath:
         ConfigError: there is no built-in path of that name for that number of joints.
         InputFileError: the file is missing or malformed.
     """
-    if path.name:
-        return named_path(path.name, len(arm.joints))
-    file = Path(path.file)
-    return waypoint_path(file.stem, read_waypoints(file, arm.joints))
+    return _load(path.name, path.file, "path.", arm)
 
 
 def load_known_path(path: PathConfig, arm: ArmConfig) -> JointPath | None:
-    """Return the path that practice begins with where the shape is varied; None if there is none.
+    """Return the path that practice with a varied shape begins with, or None; errors as :func:`load_path`."""
+    if not (path.known_name or path.known_file):
+        return None
+    return _load(path.known_name, path.known_file, "path.known_", arm)
 
-    Raises:
-        ConfigError, InputFileError: as :func:`load_path`.
-    """
-    if path.known_name:
-        try:
-            return named_path(path.known_name, len(arm.joints))
-        except ConfigError as error:
-            raise ConfigError("path.known_name", error.value, error.expected) from None
-    if path.known_file:
-        file = Path(path.known_file)
-        return waypoint_path(file.stem, read_waypoints(file, arm.joints, "path.known_file"))
-    return None
+
+def _load(name: str, file: str, keys: str, arm: ArmConfig) -> JointPath:
+    if name:
+        return named_path(name, len(arm.joints), f"{keys}name")
+    return waypoint_path(Path(file).stem, read_waypoints(Path(file), arm.joints, f"{keys}file"))
 
 
 def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") -> FloatArray:
@@ -64,10 +57,8 @@ def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") 
         with file.open(newline="", encoding="utf-8-sig") as lines:
             rows = [(number, row) for number, row in enumerate(csv.reader(lines), start=1) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = (
-            "there is no such file" if isinstance(error, FileNotFoundError) else f"not readable ({error})"
-        )
-        raise InputFileError(file, reason, f"a CSV of waypoints (key {key})") from error
+        found = "there is no such file" if isinstance(error, FileNotFoundError) else f"not readable ({error})"
+        raise InputFileError(file, found, f"a CSV of waypoints (key {key})") from error
     header = [name.strip() for name in rows[0][1]] if rows else []
     if sorted(header) != sorted(joints):
         raise InputFileError(

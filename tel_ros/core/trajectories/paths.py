@@ -102,19 +102,17 @@ q2 = 1.3 + 0.5 sin 6πs + 0.25 (cos 4πs - 1), for a two-joint arm; ``planar_loo
 posture with a bent elbow and a free wrist."""
 
 
-def named_path(name: str, n_joints: int) -> Path:
+def named_path(name: str, n_joints: int, key: str = "path.name") -> Path:
     """Return a built-in path.
 
     Raises:
         ConfigError: there is no such path, or it is for another number of joints.
     """
     if name not in NAMED_PATHS:
-        raise ConfigError("path.name", name, f"one of {', '.join(sorted(NAMED_PATHS))}")
+        raise ConfigError(key, name, f"one of {', '.join(sorted(NAMED_PATHS))}")
     path = NAMED_PATHS[name]
     if path.n_joints != n_joints:
-        raise ConfigError(
-            "path.name", name, f"a path for {n_joints} joints (this one is for {path.n_joints})"
-        )
+        raise ConfigError(key, name, f"a path for {n_joints} joints (this one is for {path.n_joints})")
     return path
 
 
