@@ -17,15 +17,15 @@ from sim_bridge.stillness import Stillness
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import command_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
-from tel_ros.nodes.hot_loop import BusyGroup
-from tel_ros.nodes.hot_messages import CommandReader
+from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
-from tel_ros.recording.fixed_layout import CommandNumbers, JointStateLayout
+from tel_ros.recording.cdr import CommandNumbers, JointStateLayout
 
 REPEAT_PERIOD_S = 0.05
 LOCKSTEP_TURN_PERIOD_S = 0.2
@@ -79,7 +79,7 @@ class SimBridgeNode(Node):
             self.get_logger().warning(RESTS)
         n_joints = len(config.arm.joints)
         self._layout = JointStateLayout(config.arm.joints, (n_joints, n_joints, n_joints))
-        self._reader = CommandReader()
+        self._reader = command_reader()
         self._command: Sequence[float] | None = None
         self._silent_periods = 0
         self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
@@ -95,15 +95,8 @@ class SimBridgeNode(Node):
         )
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
-        commands = self.create_subscription(
-            Float64MultiArray,
-            command_topic,
-            self._on_command_in_lockstep if self._lockstep else self._on_command,
-            qos.NEWEST,
-            raw=True,
-            callback_group=BusyGroup(),
-        )
-        self.busy_subscriptions = [commands]
+        on_command = self._on_command_in_lockstep if self._lockstep else self._on_command
+        self.busy_subscriptions = [busy_subscription(self, Float64MultiArray, command_topic, on_command)]
         apply_realtime_options(self, config.control)
         if self._lockstep:
             # While commands keep coming nothing else is urgent, and each turn of it holds the graph up.

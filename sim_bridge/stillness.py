@@ -16,7 +16,7 @@ class Stillness:
 
     A controller that is silent between trials leaves an arm behind that swings a little still, and its speed
     of the moment says nothing. So what counts is how far it has moved over the settling time, by the measure
-    of :class:`~tel_ros.core.control.rest.RestDetector`: whatever that calls rest is rest here, too.
+    of :class:`~tel_ros.core.control.holding.RestDetector`: whatever that calls rest is rest here, too.
 
     Args:
         control: rate, settling time and speed.

@@ -35,7 +35,7 @@ from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.trial_recorder import main as recorder_main
 from tel_ros.recording import topics
-from tel_ros.recording.serialised import header_stamp_ns, trial_index
+from tel_ros.recording.cdr import header_stamp_ns, trial_index
 
 ANSWER_TIMEOUT_S = 60.0
 SPAWNER = multiprocessing.get_context("forkserver")

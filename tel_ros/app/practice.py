@@ -20,11 +20,11 @@ from tel_ros.app.bring_up import NodeProcesses, node_names, require_simulator
 from tel_ros.app.errors import GraphError
 from tel_ros.app.liveness import Liveness
 from tel_ros.core.config import Config, PathConfig
+from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
-from tel_ros.core.safety.limits import Limits
 from tel_ros.core.trial import TrialGoal
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network

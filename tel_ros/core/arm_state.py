@@ -17,7 +17,7 @@ class ArmState:
         time_ns: when it was measured.
         position_rad: as measured.
         velocity_rad_s: as measured.
-        age_s: how late it has come (:class:`~tel_ros.core.safety.latency.Latency`); 0 where none can tell.
+        age_s: how late it has come (:class:`~tel_ros.core.safety.gate.Latency`); 0 where none can tell.
         effort_nm: what the motors are said to have exerted until then; None: nothing is said.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Stiffness and damping of the virtual springs, and what it takes to change them."""
+"""Equilibrium-point control: a virtual spring and damper at every joint, and what it takes to change them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from tel_ros.core.types import FloatArray
 
 @dataclass(frozen=True)
 class Springs:
-    """K and B of the springs at all joints.
+    """K and B at all joints; the control law is τ = K (u - q) - B q̇ ([Practice] Sec. 3; Shadmehr 1990).
+
+    What it wants is not yet what may reach the arm: :class:`~tel_ros.core.safety.layer.SafetyLayer`.
 
     Args:
         stiffness_nm_per_rad: K. Shape (n_joints,).
@@ -78,6 +80,25 @@ class Springs:
                     f"{name} is {found.tolist()} {unit}; expected {low.tolist()} to {high.tolist()}"
                 )
 
+    def effort(
+        self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
+    ) -> FloatArray:
+        """Return the effort in N·m. Shapes (n_joints,) or (n, n_joints)."""
+        wanted: FloatArray = (
+            self.stiffness_nm_per_rad * (equilibrium_rad - position_rad)
+            - self.damping_nms_per_rad * velocity_rad_s
+        )
+        return wanted
+
+    def equilibrium(
+        self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
+    ) -> FloatArray:
+        """Return the equilibrium points in rad for an effort. Shapes (n_joints,) or (n, n_joints)."""
+        wanted: FloatArray = (
+            position_rad + (effort_nm + self.damping_nms_per_rad * velocity_rad_s) / self.stiffness_nm_per_rad
+        )
+        return wanted
+
     def equilibrium_for(
         self,
         other: Springs,
@@ -97,11 +118,8 @@ class Springs:
         """
         if self.equal(other):
             return equilibrium_rad
-        k, b = self.stiffness_nm_per_rad, self.damping_nms_per_rad
-        other_k, other_b = other.stiffness_nm_per_rad, other.damping_nms_per_rad
-        effort_nm = other_k * (equilibrium_rad - position_rad) - other_b * velocity_rad_s
-        equilibrium: FloatArray = position_rad + (effort_nm + b * velocity_rad_s) / k
-        return equilibrium
+        effort_nm = other.effort(equilibrium_rad, position_rad, velocity_rad_s)
+        return self.equilibrium(effort_nm, position_rad, velocity_rad_s)
 
 
 @dataclass(frozen=True)

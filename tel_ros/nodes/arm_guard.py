@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 from rclpy.node import Node
@@ -11,17 +10,14 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from tel_ros.core.control.guard import AwakeClock, CommandGuard
 from tel_ros.core.errors import StateError
-from tel_ros.core.safety.awake_clock import AwakeClock
-from tel_ros.core.safety.guard import CommandGuard
-from tel_ros.core.safety.latency import Latency
+from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.types import NS_PER_S
-from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel
+from tel_ros.nodes.conversions import command_reader, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
-from tel_ros.nodes.hot_loop import BusyGroup
-from tel_ros.nodes.hot_messages import CommandReader
-from tel_ros.nodes.joint_state_reader import JointStateReader
+from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
@@ -37,16 +33,15 @@ class ArmGuardNode(Node):
     """Hears states and commands, and is silent while commands come.
 
     Its own process: it lives when the controller has crashed, was killed or hangs. It hears its own commands
-    as well, and knows them by the label.
+    as well, and knows them by their label.
     """
 
     def __init__(self) -> None:
         super().__init__(topics.ARM_GUARD)
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         self._guard = CommandGuard(config.arm, config.control, config.safety)
-        self._reader = JointStateReader(config.arm, config.control)
-        self._command_reader = CommandReader()
-        self._latency = Latency(config.safety.clock_drift)
+        self._gate = StateGate(config.arm, config.control, config.safety.clock_drift)
+        self._reader, self._command_reader = joint_state_reader(), command_reader()
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", author=topics.ARM_GUARD)
         self._timeout_s = config.safety.command_timeout_s
@@ -65,13 +60,10 @@ class ArmGuardNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
 
     def _listen(self) -> None:
-        # Commands first: one that has come with a state is heard before anybody asks whether one has come.
+        # Commands first: one that came with a state is heard before the guard judges whether one came.
         self.busy_subscriptions = [
-            self.create_subscription(kind, topic, heard, qos.NEWEST, raw=True, callback_group=BusyGroup())
-            for kind, topic, heard in (
-                (Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
-                (JointState, topics.JOINT_STATES, self._on_joint_state),
-            )
+            busy_subscription(self, Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
+            busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state),
         ]
         self.get_logger().info(f"watches {self._channel.topic}")
 
@@ -80,7 +72,7 @@ class ArmGuardNode(Node):
 
     @property
     def stopped(self) -> bool:
-        """Whether the arm has what it is to be left with, or there is nothing to brake it with."""
+        """Whether the arm has its final effort, or no states come with which to brake it."""
         return self._guard.at_final_effort or self._blind
 
     def destroy_node(self) -> None:
@@ -104,14 +96,13 @@ class ArmGuardNode(Node):
         self._guard.on_command(np.array(command.values), self._awake.look(time.monotonic()))
 
     def _on_joint_state(self, raw: bytes) -> None:
+        arrived_ns = time.monotonic_ns()
         try:
-            state = self._reader.read_serialised(raw)
+            state = self._gate.admit(*self._reader.read(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
-        arrived_ns = time.monotonic_ns()
         self._state_at, self._blind = arrived_ns / NS_PER_S, False
-        state = replace(state, age_s=self._latency.of(state.time_ns, arrived_ns))
         now_s, was_active = self._awake.look(self._state_at), self._guard.active
         answer = self._guard.on_state(state, now_s)
         if answer is None:
@@ -124,7 +115,7 @@ class ArmGuardNode(Node):
             )
 
     def _watch_states(self) -> None:
-        """Without states there is nothing to brake with."""
+        """Command zero effort when no states come: without them the guard cannot brake."""
         if self._blind or not self._guard.active:
             return
         if time.monotonic() - self._state_at > self._state_timeout_s:

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import ControlState, TrialResult
 from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.arm_state import ArmState
-from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.errors import StateError, TrajectoryError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording.cdr import (
+    CommandLayout,
+    CommandNumbers,
+    JointStateLayout,
+    JointStateNumbers,
+    MessageReader,
+)
 from tel_ros.recording.trial_timing import timing_fields
 
 
@@ -40,6 +50,36 @@ def answering_label(message: Float64MultiArray) -> bytes:
     """Return the label of a command: of several the first that can be the stamp of a joint state."""
     labels = [dimension.label for dimension in message.layout.dim]
     return next((label for label in labels if label.isdecimal()), next(iter(labels), "")).encode()
+
+
+def joint_state_numbers(message: JointState) -> JointStateNumbers:
+    """Return what a joint state says."""
+    stamp_ns = time_ns(message.header.stamp)
+    return JointStateNumbers(message.name, stamp_ns, message.position, message.velocity, message.effort)
+
+
+def joint_state_reader() -> MessageReader[JointStateNumbers]:
+    """Return a reader of joint states as bytes; what rclpy cannot read is a StateError."""
+    return MessageReader(
+        JointStateLayout, lambda raw: joint_state_numbers(_deserialised(raw, JointState, "joint state"))
+    )
+
+
+def command_reader() -> MessageReader[CommandNumbers]:
+    """Return a reader of commands as bytes; what rclpy cannot read is a StateError."""
+
+    def otherwise(raw: bytes) -> CommandNumbers:
+        message = _deserialised(raw, Float64MultiArray, "command")
+        return CommandNumbers(answering_label(message), tuple(message.data))
+
+    return MessageReader(CommandLayout, otherwise)
+
+
+def _deserialised(raw: bytes, kind: type, what: str) -> Any:
+    try:
+        return deserialize_message(raw, kind)
+    except RuntimeError as error:
+        raise StateError(f"{len(raw)} bytes are no {what} ({error})") from error
 
 
 def idle_state(state: ArmState) -> ControlState:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,31 +13,28 @@ from tel_interfaces.msg import ControlState
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.controller import EpController
+from tel_ros.core.control.holding import RestDetector
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.control.rest import RestDetector
 from tel_ros.core.errors import StateError
-from tel_ros.core.safety.latency import Latency
-from tel_ros.core.trial import Tick, TrialGoal
+from tel_ros.core.safety.gate import StateGate
+from tel_ros.core.trial import TrialGoal
 from tel_ros.nodes import qos
-from tel_ros.nodes.command_channel import CommandChannel
-from tel_ros.nodes.competing_publishers import CompetingPublishers
-from tel_ros.nodes.controller_health import ControllerStatus, controller_health
-from tel_ros.nodes.conversions import idle_state
+from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
+from tel_ros.nodes.controller_services import SafetyServices, TrialServer, controller_health
+from tel_ros.nodes.conversions import idle_state, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
-from tel_ros.nodes.hot_loop import BusyGroup
-from tel_ros.nodes.hot_messages import ControlStatePacker
-from tel_ros.nodes.joint_state_reader import JointStateReader
+from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.resuming import declare_resume, replay_control
 from tel_ros.nodes.runner import run_node
-from tel_ros.nodes.safety_services import SafetyServices
-from tel_ros.nodes.trial_server import FEEDBACK_PERIOD_S, TrialServer
 from tel_ros.recording import topics
+from tel_ros.recording.cdr import ControlStateLayout
 
 WATCHDOG_PERIOD_S = 0.02
 READY_PERIOD_S = 0.1
+FEEDBACK_PERIOD_S = 0.2
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
@@ -55,57 +51,43 @@ class EpControllerNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__("ep_controller")
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
-        self._joints = config.arm.joints
-        self._make_controller = partial(EpController, config.arm, config.control, config.safety)
+        arm, control, waits = config.arm, config.control, config.arm_waits_for_commands
+        self._joints = arm.joints
+        self._make_controller = partial(EpController, arm, control, config.safety)
         self._controller = self._make_controller()
         run = declare_resume(self)
         # A real arm may have been moved meanwhile: what was held then is nothing to go on from.
-        resumes = run is not None and config.arm_waits_for_commands
-        if resumes and not replay_control(self._controller, run, self._joints):
+        if run is not None and waits and not replay_control(self._controller, run, self._joints):
             self.get_logger().warning(
                 "not all of what was decided is recorded: the arm is picked up where it is"
             )
             self._controller = self._make_controller()
-        self._interface = config.arm.command_interface
+        self._interface = arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
-        self._rest_speed_rad_s = config.control.settle_speed_rad_s
-        self._rest = RestDetector(self._rest_speed_rad_s, config.control.settle_time_s)
+        self._rest_speed_rad_s = control.settle_speed_rad_s
+        self._rest = RestDetector(self._rest_speed_rad_s, control.settle_time_s)
         self._rests = False
-        self._answers_between_trials = not config.arm_waits_for_commands
-        self._state_timeout_s = (
-            config.sim.lockstep_timeout_s if config.arm_waits_for_commands else config.control.state_timeout_s
-        )
-        self._reader = JointStateReader(config.arm, config.control)
+        self._answers_between_trials = not waits
+        self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
+        self._reader = joint_state_reader()
+        # Position drives brake by themselves, with states that are never late.
+        wall_clock = not waits and self._interface == "effort"
+        self._gate = StateGate(arm, control, config.safety.clock_drift if wall_clock else None)
         self._estimated: tuple[str, ...] = ()
         self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
-        self._control_state = ControlStatePacker(len(self._joints))
+        self._control_state = ControlStateLayout(len(self._joints))
         # Where the arm waits for commands, how fast they come says nothing about the trial.
-        self._timer = (
-            None
-            if config.arm_waits_for_commands
-            else LoopTimer(config.control.rate_hz, round(TIMED_S * config.control.rate_hz))
-        )
-        # Position drives brake by themselves, with states that are never late.
-        wall_clock = not config.arm_waits_for_commands and self._interface == "effort"
-        self._latency = Latency(config.safety.clock_drift) if wall_clock else None
-        self._arrived_ns = 0
+        self._timer = None if waits else LoopTimer(control.rate_hz, round(TIMED_S * control.rate_hz))
         self._seen: ArmState | None = None
         self._answered_ns = -1
         self._last_state_at = -math.inf
         self._commanding = False
 
-        # Listening hurts nobody: so it can be said from the start whether there is an arm.
+        # Also before it is active: listening does no harm, and tells whether there is an arm.
         self._states = RateMeter()
         self.busy_subscriptions = [
-            self.create_subscription(
-                JointState,
-                topics.JOINT_STATES,
-                self._on_joint_state,
-                qos.NEWEST,
-                raw=True,
-                callback_group=BusyGroup(),
-            )
+            busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
         ]
         self._states_topic: str = self.busy_subscriptions[0].topic_name
         self.create_timer(WATCHDOG_PERIOD_S, self._watch)
@@ -114,14 +96,21 @@ class EpControllerNode(ManagedNode):
         self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
         self.create_timer(READY_PERIOD_S, self._publish_ready)
-        self._trials = TrialServer(self, self._joints, self._begin, self._cancel, self._timer)
+        self._trials = TrialServer(
+            self, self._joints, self._begin, lambda: self._controller.cancel(), self._timer
+        )
         self.create_timer(FEEDBACK_PERIOD_S, lambda: self._trials.publish_feedback(self._controller))
-        self._safety = SafetyServices(self, self._stop_for, self._why_not_reset, self._reset_stop)
+        self._safety = SafetyServices(
+            self,
+            lambda reason: self._controller.stop_for(reason),
+            self._why_not_reset,
+            lambda: self._controller.reset_stop(),
+        )
         self._diagnostics = Diagnostics(self, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
         self.get_logger().info("waits to be configured and activated")
-        apply_realtime_options(self, config.control)
+        apply_realtime_options(self, control)
 
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""
@@ -143,7 +132,7 @@ class EpControllerNode(ManagedNode):
         self._acts = True
 
     def deactivate(self) -> None:
-        """Let go of an arm that is held, or leave it with what holds it (``safety.final_effort``).
+        """Release an arm that is held, or leave it with what holds it (``safety.final_effort``).
 
         Raises:
             TransitionRefusedError: a trial is under way, or the arm moves.
@@ -165,11 +154,11 @@ class EpControllerNode(ManagedNode):
         self.destroy_publisher(self._state_pub)
 
     def shutdown(self) -> None:
-        """Bring a moving arm to rest, then let go of it: a shutdown cannot be refused."""
+        """Bring a moving arm to rest, then release it: a shutdown cannot be refused."""
         self.stop()
 
     def give_up(self) -> None:
-        """Let go of the arm and begin anew; nothing is known about what the failed transition has done."""
+        """Release the arm and begin anew: what the failed transition has done is unknown."""
         self._controller.lose_states("a transition of the node failed")
         self._trials.finish(self._controller.report)
         self._release(hold=False)
@@ -184,7 +173,7 @@ class EpControllerNode(ManagedNode):
 
     @property
     def stopped(self) -> bool:
-        """Whether the last effort has been commanded, or there is nothing to compute one from."""
+        """Whether the last effort has been commanded, or no states come to answer."""
         if not self._acts or self._controller.at_final_effort:
             return True
         return not self._controller.active and not self._states_are_fresh()
@@ -196,30 +185,27 @@ class EpControllerNode(ManagedNode):
         super().destroy_node()
 
     def _on_joint_state(self, raw: bytes) -> None:
-        self._arrived_ns = time.monotonic_ns()
+        arrived_ns = time.monotonic_ns()
         if self._competing.of_states:
-            return  # nobody knows whose it is
+            return  # several publishers: nobody knows whose state it is
         try:
-            state = self._reader.read_serialised(raw)
+            state = self._gate.admit(*self._reader.read(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
-        if self._reader.estimated != self._estimated:
+        if self._gate.estimated != self._estimated:
             self._say_what_is_estimated()
-        is_new = self._seen is None or state.time_ns != self._seen.time_ns
-        if is_new:
-            self._states.count += 1
-            if self._latency is not None:
-                state = replace(state, age_s=self._latency.of(state.time_ns, self._arrived_ns))
+        is_new = state is not self._seen
         self._seen = state
         if is_new or not self._controller.active:
             self._last_state_at = time.monotonic()
         if self._acts:
-            self._act_on(state)
+            self._act_on(state, arrived_ns)
         if is_new:  # the command is on its way: the arm does not wait for this
+            self._states.count += 1
             self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
 
-    def _act_on(self, state: ArmState) -> None:
+    def _act_on(self, state: ArmState, arrived_ns: int) -> None:
         stands_still = not (
             self._controller.active
             or self._controller.braking
@@ -229,13 +215,13 @@ class EpControllerNode(ManagedNode):
         if stands_still:
             self._commanding = False
         elif state.time_ns != self._answered_ns:
-            self._answer(state)
+            self._answer(state, arrived_ns)
         elif not self._answers_between_trials or self._controller.active:
             # A waiting arm repeats its state until it gets the answer.
             self._channel.repeat()
 
     def _say_what_is_estimated(self) -> None:
-        self._estimated = self._reader.estimated
+        self._estimated = self._gate.estimated
         if self._estimated:
             self.get_logger().warning(
                 f"the joint states have no velocity for {', '.join(self._estimated)}: "
@@ -244,34 +230,25 @@ class EpControllerNode(ManagedNode):
         else:
             self.get_logger().info("the joint states have all velocities now: none is estimated")
 
-    def _answer(self, state: ArmState) -> None:
+    def _answer(self, state: ArmState, arrived_ns: int) -> None:
         goal = self._controller.goal
         tick = self._controller.decide(state)
-        if tick is None:
-            self._commanding = False
-        else:
-            self._publish(goal.index if goal else 0, state, tick)
+        self._commanding = tick is not None
+        if tick is not None:
+            self._answered_ns = state.time_ns
+            self._channel.send(state.time_ns)
+            # The command is on its way: the arm does not wait for the rest.
+            if goal and self._timer is not None:
+                self._timer.add(state.time_ns, arrived_ns, time.monotonic_ns())
+            self._controller.conclude(state, tick)
+            self._state_pub.publish(self._control_state.packed(goal.index if goal else 0, state, tick))
         if self._controller.braking:
             self._tell_ready()
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
-    def _publish(self, trial: int, state: ArmState, tick: Tick) -> None:
-        self._commanding, self._answered_ns = True, state.time_ns
-        self._channel.send(state.time_ns)
-        if trial and self._timer is not None:
-            self._timer.add(state.time_ns, self._arrived_ns, time.monotonic_ns())
-        # The command is on its way: the arm does not wait for the rest.
-        self._controller.conclude(state, tick)
-        self._state_pub.publish(self._control_state.packed(trial, state, tick))
-
-    def _publish_zero(self) -> None:
-        self._commanding = False
-        self._controller.safety.none()
-        self._channel.release(self._seen.time_ns if self._seen else 0)
-
     def _is_stopping(self) -> bool:
-        """Return whether the arm is on its way to the effort that it is to be left with."""
+        """Return whether the arm is on its way to its final effort."""
         return self._controller.stopped_for is not None and not self._controller.at_final_effort
 
     def _moves(self) -> bool:
@@ -283,20 +260,19 @@ class EpControllerNode(ManagedNode):
             return False
         return bool(np.abs(self._seen.velocity_rad_s).max() >= self._rest_speed_rad_s)
 
-    def _stop_for(self, reason: str) -> None:
-        self._controller.stop_for(reason)
-
     def _why_not_reset(self) -> str:
         if self._ending:
             return "the node is ending"
         return "the arm is not at rest yet" if self._is_stopping() or self._moves() else ""
 
-    def _reset_stop(self) -> None:
-        self._controller.reset_stop()
-
     def _end_if_stopped(self) -> None:
         if self._ending and self.stopped:
             self._release(hold=self._holds_at_the_end and self._controller.at_final_effort)
+
+    def _publish_zero(self) -> None:
+        self._commanding = False
+        self._controller.safety.none()
+        self._channel.release(self._seen.time_ns if self._seen else 0)
 
     def _release(self, hold: bool) -> None:
         """Shut the channel, after a last command of zero effort unless the last one is to stay."""
@@ -306,7 +282,7 @@ class EpControllerNode(ManagedNode):
             self._publish_zero()
         self._channel.shut()
         self._acts = self._commanding = False
-        # Another one holds nothing of what this one held. A stop outlives it.
+        # The next controller knows nothing of what this one held. A stop outlives it.
         self._controller = self._make_controller()
         if self._safety.reason:
             self._controller.stop_for(self._safety.reason)
@@ -315,13 +291,14 @@ class EpControllerNode(ManagedNode):
         return time.monotonic() - self._last_state_at < self._state_timeout_s
 
     def _watch(self) -> None:
-        self._watch_competing_publishers()
-        self._watch_states()
-
-    def _watch_states(self) -> None:
-        if self._states_are_fresh() or not (self._commanding or self._controller.active):
-            return
-        self._lose_states(f"no joint state for {self._state_timeout_s} s")
+        """End what is under way when other nodes command the arm or publish its states, or states stop."""
+        self._competing.look()
+        if self._competing.of_states and (self._commanding or self._controller.active):
+            self._lose_states(self._competing.of_states)
+        elif self._competing.of_commands:
+            self._controller.abort(self._competing.of_commands)
+        if not self._states_are_fresh() and (self._commanding or self._controller.active):
+            self._lose_states(f"no joint state for {self._state_timeout_s} s")
 
     def _lose_states(self, message: str) -> None:
         left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"
@@ -332,39 +309,26 @@ class EpControllerNode(ManagedNode):
         self._trials.finish(self._controller.report)
         self._end_if_stopped()
 
-    def _watch_competing_publishers(self) -> None:
-        """Stop when the arm gets now this one's efforts and now another's, or two speak for it."""
-        self._competing.look()
-        if self._competing.of_states and (self._commanding or self._controller.active):
-            self._lose_states(self._competing.of_states)
-        elif self._competing.of_commands:
-            self._controller.abort(self._competing.of_commands)
-
     def _begin(self, goal: TrialGoal) -> None:
+        obstacle = self._obstacle()
+        if obstacle:
+            raise StateError(obstacle)
+        self._controller.start(goal)
+
+    def _obstacle(self) -> str:
+        """Return why no trial can begin now, apart from what the arm does; empty: one can."""
         if not self._acts:
-            raise StateError(
+            return (
                 f"{self.get_name()} is {self.lifecycle_state}; expected active "
                 f"(ros2 lifecycle set {self.get_fully_qualified_name()} configure, then activate)"
             )
         if not self._states_are_fresh():
-            raise StateError(f"no joint states on {self._states_topic}")
-        if str(self._competing):
-            raise StateError(str(self._competing))
-        if self._channel.listeners == 0:
-            raise StateError(f"nobody listens to {self._channel.topic}")
-        self._controller.start(goal)
-
-    def _cancel(self) -> None:
-        self._controller.cancel()
+            return f"no joint states on {self._states_topic}"
+        unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
+        return str(self._competing) or unheard
 
     def _tell_ready(self) -> None:
-        ready = (
-            self._acts
-            and self._states_are_fresh()
-            and not str(self._competing)
-            and self._channel.listeners > 0
-            and not self._controller.braking
-        )
+        ready = not (self._obstacle() or self._controller.braking)
         if ready != self._ready.data:
             self._ready.data = ready
             self._ready_pub.publish(self._ready)
@@ -375,12 +339,10 @@ class EpControllerNode(ManagedNode):
             self._state_pub.publish(idle_state(self._seen))
 
     def _health(self) -> Health:
-        controller, goal = self._controller, self._controller.goal
-        status = ControllerStatus(
+        return controller_health(
+            self._controller,
             lifecycle=self.lifecycle_state,
             refusal=self.refusal,
-            phase=controller.phase.name,
-            trial=goal.index if goal else 0,
             stopped=self._safety.reason,
             reset_name=self._safety.reset_name,
             states_topic=self._states_topic,
@@ -391,7 +353,6 @@ class EpControllerNode(ManagedNode):
             listeners=self._channel.listeners if self._channel else 0,
             last=self._trials.last,
         )
-        return controller_health(status)
 
 
 def main() -> None:

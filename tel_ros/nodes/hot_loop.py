@@ -27,6 +27,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from tel_ros.nodes import qos
+
 PLAIN_EXECUTOR_VARIABLE = "TEL_ROS_PLAIN_EXECUTOR"
 TURN_PERIOD_S = 0.05
 _IDLE_NS = 20_000_000
@@ -65,6 +67,13 @@ class BusyGroup(CallbackGroup):
 
     def ending_execution(self, entity: object) -> None:
         """Nothing to release."""
+
+
+def busy_subscription(
+    node: Node, kind: type, topic: str, callback: Callable[..., None], raw: bool = True
+) -> Subscription:
+    """Return a subscription that hears the newest message only, as bytes unless ``raw`` is False."""
+    return node.create_subscription(kind, topic, callback, qos.NEWEST, raw=raw, callback_group=BusyGroup())
 
 
 def spin_hot(

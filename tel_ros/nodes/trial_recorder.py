@@ -27,8 +27,8 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import to_cdr, typestore
 from tel_ros.recording.bag_writer import TrialBagWriter, free_mb
+from tel_ros.recording.cdr import answered_ns, header_stamp_ns, trial_index
 from tel_ros.recording.gaps import missing
-from tel_ros.recording.serialised import answered_ns, header_stamp_ns, trial_index
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0

@@ -9,7 +9,6 @@ import pytest
 from two_link import TwoLinkArm, arm_config, make_bench, reach
 
 from tel_ros.core.arm_state import ArmState
-from tel_ros.core.control.ep_law import EpLaw
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
 from tel_ros.core.trial import Outcome, Phase, TrialGoal
@@ -51,8 +50,8 @@ def test_the_learned_equilibrium_exerts_with_the_configured_springs_what_was_exe
     used = CONFIGURED.scaled(4.0)
     u, q, v = np.random.default_rng(1).normal(size=(3, 40, 2))
     learned = learned_equilibrium(SpringChange(used, CONFIGURED), u, q, v)
-    exerted = EpLaw(used.stiffness_nm_per_rad, used.damping_nms_per_rad).effort(u, q, v)
-    would = EpLaw(CONFIGURED.stiffness_nm_per_rad, CONFIGURED.damping_nms_per_rad)
+    exerted = Springs(used.stiffness_nm_per_rad, used.damping_nms_per_rad).effort(u, q, v)
+    would = Springs(CONFIGURED.stiffness_nm_per_rad, CONFIGURED.damping_nms_per_rad)
     np.testing.assert_allclose(would.effort(learned, q, v), exerted, atol=1e-9)
 
 
@@ -116,7 +115,7 @@ def test_springs_too_soft_for_what_is_held_end_the_trial_under_the_brake() -> No
     bench.controller.start(stiff(0.5, reach(index=2)))
     report = bench.finish()
     assert report.outcome == Outcome.ABORTED
-    assert "corridor" in report.message
+    assert "path tolerance" in report.message
 
 
 def test_in_a_trial_the_effort_is_that_of_its_springs() -> None:
@@ -166,3 +165,10 @@ def test_a_trial_cancelled_before_its_first_state_leaves_the_springs_as_they_wer
     u, q, v = (x[stop] for x in (bench.column("equilibrium_rad"), bench.position_rad, bench.velocity_rad_s))
     expected = CONFIGURED.stiffness_nm_per_rad * (u - q) - CONFIGURED.damping_nms_per_rad * v
     np.testing.assert_allclose(bench.column("effort_nm")[stop], expected, atol=1e-9)
+
+
+def test_the_effort_is_that_of_a_spring_and_a_damper_at_each_joint_and_has_no_limit() -> None:
+    springs = Springs(np.array([15.0, 10.0]), np.array([1.5, 0.5]))
+    effort = springs.effort(np.array([1.0, 0.2]), np.array([0.4, 0.5]), np.array([2.0, -1.0]))
+    np.testing.assert_allclose(effort, [15.0 * 0.6 - 1.5 * 2.0, 10.0 * -0.3 + 0.5 * 1.0], atol=1e-14)
+    assert springs.effort(np.array([100.0, 0.0]), np.zeros(2), np.zeros(2)).tolist() == [1500.0, 0.0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_ros.core.config import Config
-from tel_ros.core.safety.motion_limits import soft_range
+from tel_ros.core.safety.motion_rules import soft_range
 from tel_ros.core.types import FloatArray
 
 GIVEN_BACK = 0.5

@@ -29,7 +29,7 @@ from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
 from tel_ros.nodes.realtime import set_priority
 from tel_ros.recording import topics
-from tel_ros.recording.serialised import header_stamp_ns, trial_index
+from tel_ros.recording.cdr import header_stamp_ns, trial_index
 
 ARM_STATES = "/arm/joint_states"
 ARM_COMMANDS = "/arm/commands"

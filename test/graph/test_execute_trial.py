@@ -118,7 +118,7 @@ def test_one_trial_at_a_time_and_cancelling_brings_the_arm_to_rest(graph: StartG
 @pytest.mark.parametrize(
     ("overrides", "reason"),
     [
-        (("control.path_tolerance_rad=0.2",), "off its desired position (corridor 0.200 rad)"),
+        (("control.path_tolerance_rad=0.2",), "off its desired position (path tolerance 0.200 rad)"),
         (("arm.velocity_limit_rad_s=[3.0, 9.0]",), "shoulder moves at"),
         (("arm.position_max_rad=[1.25, 2.9]", *SOFT_WALLS), "shoulder is at 1.25"),
     ],

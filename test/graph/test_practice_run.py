@@ -152,8 +152,8 @@ def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> N
     assert code == 1
     summary = summary_of(out)
     assert summary["outcome"] == "aborted"
-    assert "off its desired position (corridor 0.100 rad)" in summary["trials"][0]["message"]
-    assert "corridor" in err
+    assert "off its desired position (path tolerance 0.100 rad)" in summary["trials"][0]["message"]
+    assert "path tolerance" in err
     trial = read_trial(run.folder / "trial_001")  # the bag of an aborted trial is whole, too
     assert np.abs(trial.velocity_rad_s[-1]).max() < 0.1  # and its end shows the arm at rest
 

@@ -122,7 +122,7 @@ def test_an_abort_is_reported_and_leaves_the_arm_at_rest(make_arm: MakeArm) -> N
     arm = make_arm("control.path_tolerance_rad=0.3")
     report = arm.run_trial(goal()).report
     assert report.outcome == Outcome.ABORTED
-    assert "corridor 0.300 rad" in report.message
+    assert "path tolerance 0.300 rad" in report.message
     assert arm.plant.at_rest(config().control.settle_speed_rad_s)
     assert arm.run_trial(goal(2, duration_s=12.0)).report.outcome == Outcome.COMPLETED
 

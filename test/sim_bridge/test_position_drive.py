@@ -120,7 +120,7 @@ def test_a_trial_that_leaves_its_corridor_is_braked_through_set_points_that_do_n
         trial = arm.run_trial(TrialGoal(1, 1.0, desired, desired.position_rad))
         assert arm.plant.at_rest(0.05)
     assert trial.report.outcome == Outcome.ABORTED
-    assert "corridor 0.150 rad" in trial.report.message
+    assert "path tolerance 0.150 rad" in trial.report.message
     speed = np.abs(np.diff(trial.equilibrium_rad, axis=0)) * NS_PER_S / np.diff(trial.time_ns)[:, None]
     assert np.all(speed <= np.array(config.arm.velocity_limit_rad_s) * (1.0 + 1e-9))
     stop = trial.phase == Phase.STOP

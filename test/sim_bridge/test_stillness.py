@@ -7,7 +7,7 @@ import pytest
 
 from sim_bridge.stillness import Stillness
 from tel_ros.core.config import ControlConfig
-from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.holding import RestDetector
 
 CONTROL = ControlConfig(rate_hz=500.0, settle_time_s=0.2, settle_speed_rad_s=0.05)
 

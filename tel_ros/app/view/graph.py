@@ -21,10 +21,11 @@ from tel_ros.app.view.live_trial import Sample
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config
 from tel_ros.core.errors import StateError
+from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.trial import Phase
 from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import joint_state_numbers
 from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
-from tel_ros.nodes.joint_state_reader import JointStateReader
 from tel_ros.recording import topics
 
 ANSWER_TIMEOUT_S = 2.0
@@ -52,7 +53,7 @@ class GraphView:
     ) -> None:
         self._node = node
         self._n_joints = len(config.arm.joints)
-        self._reader = JointStateReader(config.arm, config.control)
+        self._gate = StateGate(config.arm, config.control)
         self.arm: ArmState | None = None
         """The newest state of the arm."""
         self.sample: Sample | None = None
@@ -138,7 +139,7 @@ class GraphView:
 
     def _on_joint_state(self, message: JointState) -> None:
         try:
-            self.arm = self._reader.read(message)
+            self.arm = self._gate.admit(*joint_state_numbers(message), time.monotonic_ns())
         except StateError as error:
             self.answer, self.alarm = str(error), True
             return

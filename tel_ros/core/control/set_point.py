@@ -6,6 +6,8 @@ import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
+from tel_ros.core.safety.layer import Permitted
+from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 
@@ -48,14 +50,24 @@ class SetPointGuard:
         """The set point that was sent last; None: none so far. Shape (n_joints,)."""
         return self._sent
 
-    def follow(self, asked_rad: FloatArray, state: ArmState) -> tuple[FloatArray, BoolArray]:
-        """Return the set point to send, and for each joint whether it is another than was asked for.
+    def answer(
+        self, permitted: Permitted, equilibrium_rad: FloatArray, springs: Springs, state: ArmState
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return :meth:`follow` for the set point at which the drive exerts what is permitted."""
+        asked_rad = np.where(
+            permitted.changed,
+            springs.equilibrium(permitted.effort_nm, state.position_rad, state.velocity_rad_s),
+            equilibrium_rad,
+        )
+        return self.follow(asked_rad, state)
 
-        The very first one is taken as if the drive held the arm where it is: a spring may be let go.
+    def follow(self, asked_rad: FloatArray, state: ArmState) -> tuple[FloatArray, BoolArray]:
+        """Return the set point to send, and for each joint whether it differs from the one asked for.
+
+        The very first one is sent as if the drive held the arm where it is.
 
         Args:
-            asked_rad: the equilibrium points of the control law; one that is not finite is not followed.
-                Shape (n_joints,).
+            asked_rad: equilibrium points; one that is not finite is not followed. Shape (n_joints,).
             state: the state that is answered.
         """
         q = state.position_rad

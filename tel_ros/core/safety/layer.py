@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,20 +10,20 @@ import numpy as np
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.errors import EffortError
-from tel_ros.core.safety.braking_distance import BrakingDistance
-from tel_ros.core.safety.drive_response import DriveResponse
-from tel_ros.core.safety.effort_limit import effort_limit
-from tel_ros.core.safety.effort_rate import EffortRate
-from tel_ros.core.safety.finite import require_finite
-from tel_ros.core.safety.free_zone import FreeZone
-from tel_ros.core.safety.late_states import AGE_COUNTS, LEAST_SHARE, punctual_s, share_of_effort
-from tel_ros.core.safety.led_back import LedBack
-from tel_ros.core.safety.motion_limits import MotionLimits
+from tel_ros.core.safety.motion_rules import BrakingDistance, MotionLimits, SoftLimits
+from tel_ros.core.safety.rules import (
+    EffortLimit,
+    EffortRate,
+    LastEffort,
+    LateStates,
+    QuietBounds,
+    QuietZone,
+    SafetyRule,
+)
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 LONGEST_GAP_S = 0.1
 """After this long without a command an arm has no effort (docs/arm-contract.md, Silence)."""
-_MOST_PERIODS = 2.0
 
 
 class Permitted(NamedTuple):
@@ -35,35 +36,43 @@ class Permitted(NamedTuple):
 class SafetyLayer:
     """Makes a wanted effort one that the arm may get: at once, from the measured state and the last effort.
 
-    The rules, each of which wins over those before it: how fast efforts grow
-    (:class:`~tel_ros.core.safety.effort_rate.EffortRate`), the speed at which joints may come to their limits
-    (:class:`~tel_ros.core.safety.braking_distance.BrakingDistance`), soft joint limits and velocity limits
-    (:class:`~tel_ros.core.safety.motion_limits.MotionLimits`), effort limits, less effort when states come
-    late (:func:`~tel_ros.core.safety.late_states.share_of_effort`). An effort that no rule
-    objects to passes unchanged, to the last bit.
+    It goes through :attr:`rules`, each of which wins over those before it. An effort that no rule objects to
+    passes unchanged, to the last bit. Where the rules' own bounds tell that none will object, none is asked
+    (:class:`~tel_ros.core.safety.rules.QuietZone`).
 
     Args:
         arm: joints, springs and limits; its empty limits must have been filled from the URDF.
         safety: the rules' numbers; what is empty is derived from the arm.
         rate_hz: of states and commands.
+        own_rules: more rules; they win over all but the effort limit and the rule about late states.
 
     Raises:
         ConfigError: a value does not fit the arm.
     """
 
-    def __init__(self, arm: ArmConfig, safety: SafetyConfig, rate_hz: float) -> None:
+    def __init__(
+        self, arm: ArmConfig, safety: SafetyConfig, rate_hz: float, own_rules: Sequence[SafetyRule] = ()
+    ) -> None:
         safety.require_fits(arm)
-        self.rate = EffortRate.of(arm, safety)
-        self.braking = BrakingDistance.of(arm, safety)
-        self.motion = MotionLimits.of(arm, safety)
-        self._led_back = LedBack.of(arm, self.motion)
-        self.limit = effort_limit(arm)
+        self._n_joints = len(arm.joints)
+        self._period_s = 1.0 / rate_hz
+        self.soft_limits = SoftLimits.of(arm, safety)
+        limit = EffortLimit(arm)
+        self.limit = limit.range
+        self._rate = EffortRate.of(arm, safety, self._period_s)
+        self._late = LateStates(self._period_s)
+        self.rules: tuple[SafetyRule, ...] = (
+            self._rate,
+            BrakingDistance.of(arm, safety, self.soft_limits),
+            MotionLimits.of(arm, safety, self.soft_limits),
+            *own_rules,
+            limit,
+            self._late,
+        )
+        no_gap = QuietBounds(delay_s=LONGEST_GAP_S)
+        self._quiet = QuietZone([no_gap, *(rule.quiet() for rule in self.rules)], self._n_joints)
         self.response = DriveResponse.of(arm, safety)
         """Whether the motors exert what is permitted."""
-        self._period_s = 1.0 / rate_hz
-        self._free = FreeZone.of(self.rate, self.braking, self.motion, self.limit, self._period_s)
-        self._punctual_ns = round(min(punctual_s(self._period_s), LONGEST_GAP_S) * NS_PER_S) - 1
-        self._n_joints = len(arm.joints)
         self._last_ns: int | None = None
         self.last_nm = np.zeros(self._n_joints)
         """What the arm was last permitted. Shape (n_joints,)."""
@@ -75,18 +84,12 @@ class SafetyLayer:
         """What an arm that takes efforts is to get."""
         return self.last_nm
 
-    def _elapsed_s(self, time_ns: int) -> float:
-        """Return for how long efforts may have grown since the last one: two periods at most."""
-        if self._last_ns is None:
-            return self._period_s
-        return min((time_ns - self._last_ns) / NS_PER_S, _MOST_PERIODS * self._period_s)
-
     def permit(self, state: ArmState, wanted_nm: FloatArray) -> Permitted:
         """Return the effort that may be commanded in answer to a state.
 
         After a gap, or stamps that went back, nobody knows what has acted on the arm; and while a motor does
         not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
-        that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.led_back.LedBack`).
+        that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.motion_rules.SoftLimits`).
 
         Args:
             state: as measured.
@@ -97,52 +100,29 @@ class SafetyLayer:
                 be commanded: :meth:`none`.
         """
         self.response.look(state.time_ns, self.last_nm, state.effort_nm)
-        if self._is_free(state, wanted_nm):
+        if self._is_quiet(state, wanted_nm):
             self._last_ns, self.last_nm = state.time_ns, wanted_nm
             return Permitted(wanted_nm, self._nothing_changed)
-        try:
-            require_finite(wanted_nm, self._n_joints)
-        except EffortError:
-            self.none()
-            raise
+        self._require_finite(wanted_nm)
         gap = self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S
         if gap or self.response.fault:
             self.none()
-        if self._last_ns is None or (self._led_back.leads and self._motors_wait(state)):
-            self._led_back.find(state.time_ns, state.position_rad)
-        position_rad = self._led_back.seen_from_limits(state.time_ns, state.position_rad)
-        effort_nm = self.rate.permitted(self.last_nm, self._elapsed_s(state.time_ns)).nearest(wanted_nm)
-        effort_nm = self.braking.permitted(position_rad, state.velocity_rad_s).nearest(effort_nm)
-        effort_nm = self.motion.permitted(position_rad, state.velocity_rad_s).nearest(effort_nm)
-        effort_nm = self.limit.nearest(effort_nm)
-        effort_nm = self.share_for(state) * effort_nm
+        if self._last_ns is None or (self.soft_limits.lead and self._motors_wait(state)):
+            self.soft_limits.find(state.time_ns, state.position_rad)
+        last, effort_nm = self._last(state.time_ns), wanted_nm
+        for rule in self.rules:
+            effort_nm = rule.permitted(state, last).nearest(effort_nm)
         self._last_ns, self.last_nm = state.time_ns, effort_nm
         return Permitted(effort_nm, effort_nm != wanted_nm)
 
-    def share_for(self, state: ArmState) -> float:
-        """Return which share of an effort may act in answer to a state, for its being late."""
-        last_ns = self._last_ns
-        since_last_s = self._period_s if last_ns is None else (state.time_ns - last_ns) / NS_PER_S
-        return share_of_effort(since_last_s, self._period_s, state.age_s)
-
-    def _motors_wait(self, state: ArmState) -> bool:
-        """Return whether what is permitted hardly reaches the arm: late states, or a driver that refuses."""
-        return self.share_for(state) < LEAST_SHARE or self.response.is_overdue(state.time_ns)
-
-    def _is_free(self, state: ArmState, wanted_nm: FloatArray) -> bool:
-        """Return whether no rule has anything to say about an effort, as far as one test tells."""
-        if self._last_ns is None or wanted_nm.shape != self.last_nm.shape or self.response.fault:
-            return False
-        since_last_ns = state.time_ns - self._last_ns
-        if since_last_ns < self._free.shortest_ns:
-            return False
-        if since_last_ns + AGE_COUNTS * state.age_s * NS_PER_S > self._punctual_ns:
-            return False
-        return self._free.has(state, wanted_nm, self.last_nm)
+    def is_late(self, state: ArmState) -> bool:
+        """Return whether so little of an effort may act in answer to a state that nobody commands the arm."""
+        share = self._late.share(self._last(state.time_ns).since_s, state.age_s)
+        return share < LateStates.LEAST_SHARE
 
     def fading(self, time_ns: int) -> FloatArray:
         """Return the effort to want for the last one to fade to zero. Shape (n_joints,)."""
-        return self.rate.towards_zero(self.last_nm, self._elapsed_s(time_ns))
+        return self._rate.towards_zero(self._last(time_ns))
 
     def permit_pulse(self, wanted_nm: FloatArray) -> Permitted:
         """Return the effort of a pulse, within the effort limits.
@@ -157,7 +137,7 @@ class SafetyLayer:
             EffortError: it is not finite, as for :meth:`permit`.
         """
         self.none()
-        require_finite(wanted_nm, self._n_joints)
+        self._require_finite(wanted_nm)
         self.last_nm = self.limit.nearest(wanted_nm)
         return Permitted(self.last_nm, self.last_nm != wanted_nm)
 
@@ -165,3 +145,143 @@ class SafetyLayer:
         """Return no effort, and remember that there is none; zero is always permitted."""
         self._last_ns, self.last_nm = None, np.zeros(self._n_joints)
         return Permitted(self.last_nm, np.ones(self._n_joints, dtype=bool))
+
+    def _last(self, time_ns: int) -> LastEffort:
+        since_s = self._period_s if self._last_ns is None else (time_ns - self._last_ns) / NS_PER_S
+        return LastEffort(self.last_nm, since_s)
+
+    def _is_quiet(self, state: ArmState, wanted_nm: FloatArray) -> bool:
+        """Return whether the last effort, the motors and the walls are as usual, and no rule will object."""
+        last_ns = self._last_ns
+        return (
+            last_ns is not None
+            and wanted_nm.shape == self.last_nm.shape
+            and not (self.response.fault or self.soft_limits.lead)
+            and self._quiet.has(state, wanted_nm, self.last_nm, state.time_ns - last_ns)
+        )
+
+    def _motors_wait(self, state: ArmState) -> bool:
+        """Return whether what is permitted hardly reaches the arm: late states, or a driver that refuses."""
+        return self.is_late(state) or self.response.is_overdue(state.time_ns)
+
+    def _require_finite(self, effort_nm: FloatArray) -> None:
+        if effort_nm.shape != (self._n_joints,) or not np.isfinite(effort_nm).all():
+            self.none()
+            raise EffortError(
+                f"the wanted effort is {effort_nm.tolist()} N·m; expected {self._n_joints} finite numbers"
+            )
+
+
+class DriveResponse:
+    """Notices motors that do nothing although they are commanded, from the efforts that the arm reports.
+
+    A drive that refuses commands, is switched off by its own emergency stop or has tripped goes on to report
+    positions. The controller then sees an arm that falls or stays behind, and would wind its springs up; once
+    the drive acts again, all of that would act at once. Found dead, a motor is to be commanded nothing that
+    winds up, until it is seen to answer or another trial is begun.
+
+    A joint is judged once it has answered :attr:`ANSWERS_TO_BE_KNOWN` strong commands in a row, because some
+    arms report no efforts. Shares are of the effort limit, and of a command for an answer.
+
+    Args:
+        joints: names.
+        limit_nm: effort limits.
+        watched: False: no fault is ever found.
+    """
+
+    STRONG_SHARE = 0.1
+    """A command is strong from here on; weaker ones drown in friction and noise."""
+    ANSWER_SHARE = 0.5
+    """A motor has answered a command if it reports at least this share of it."""
+    WEAK_SHARE = 0.02
+    """A motor that was found dead is believed to live again from here on."""
+    PATIENCE_S = 0.08
+    """For how long a strong command may go unanswered: more than the delays that the arm contract allows."""
+    SILENT_STATES = 10
+    """... and in at least so many states on end. Where states get lost, a driver's watchdog takes the effort
+    away in each longer gap, and the first state after it tells of that alone."""
+    OVERDUE_S = 0.02
+    """After so long nothing is to be wound up any more: twice the delay that the arm contract allows."""
+    ANSWERS_TO_BE_KNOWN = 50
+
+    def __init__(self, joints: Sequence[str], limit_nm: Sequence[float], watched: bool = True) -> None:
+        self._joints = tuple(joints)
+        self._strong = [self.STRONG_SHARE * limit for limit in limit_nm]
+        self._weak = [self.WEAK_SHARE * limit for limit in limit_nm]
+        self._watched = watched
+        self._answers = [0] * len(self._joints)
+        self._silent_since_ns: list[int | None] = [None] * len(self._joints)
+        self._silences = [0] * len(self._joints)
+        self._dead: set[int] = set()
+        self.fault = ""
+        """Which joint does not do what, in words; empty: all is well, as far as can be told."""
+
+    @classmethod
+    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> DriveResponse:
+        """Return it for a configured arm; position drives decide on their efforts themselves."""
+        watched = safety.watch_drives and arm.command_interface == "effort"
+        return cls(arm.joints, arm.effort_limit_nm, watched)
+
+    def look(self, time_ns: int, commanded_nm: FloatArray, reported_nm: FloatArray | None) -> None:
+        """Take in what acted, as the arm reports it, and what had been commanded.
+
+        Args:
+            time_ns: stamp of the report.
+            commanded_nm: until then. Shape (n_joints,).
+            reported_nm: NaN where nothing is reported; None: no efforts are reported. Shape (n_joints,).
+        """
+        if not self._watched:
+            return
+        if reported_nm is None:
+            self._end_silences()
+            return
+        commanded, reported, dead = commanded_nm.tolist(), reported_nm.tolist(), self._dead
+        for j, (wanted, found) in enumerate(zip(commanded, reported, strict=True)):
+            strong = (self._weak if j in dead else self._strong)[j]
+            if -strong < wanted < strong or found != found:
+                self._silent_since_ns[j] = None
+            elif found / wanted >= self.ANSWER_SHARE:
+                self._answer(j)
+            else:
+                self._stay_silent(j, time_ns, wanted, found)
+
+    def is_overdue(self, time_ns: int) -> bool:
+        """Return whether a motor that is known to answer strong commands lets one wait for its answer."""
+        return any(
+            since_ns is not None and time_ns - since_ns > self.OVERDUE_S * NS_PER_S
+            for since_ns in self._silent_since_ns
+        )
+
+    def forgive(self) -> None:
+        """Try again what was found dead."""
+        self._dead.clear()
+        self._end_silences()
+        self.fault = ""
+
+    def _end_silences(self) -> None:
+        self._silent_since_ns = [None] * len(self._joints)
+
+    def _answer(self, j: int) -> None:
+        self._silent_since_ns[j] = None
+        self._answers[j] += 1
+        if self._dead:
+            self._dead.discard(j)
+            if not self._dead:
+                self.fault = ""
+
+    def _stay_silent(self, j: int, time_ns: int, wanted_nm: float, found_nm: float) -> None:
+        if self._answers[j] < self.ANSWERS_TO_BE_KNOWN:
+            self._answers[j] = 0
+            return
+        since_ns = self._silent_since_ns[j]
+        if since_ns is None or since_ns > time_ns:
+            self._silent_since_ns[j], self._silences[j] = time_ns, 1
+            return
+        self._silences[j] += 1
+        waited = time_ns - since_ns > self.PATIENCE_S * NS_PER_S and self._silences[j] >= self.SILENT_STATES
+        if waited and j not in self._dead:
+            self._dead.add(j)
+            self.fault = (
+                f"the drive of {self._joints[j]} does not exert what it is commanded: it reports "
+                f"{found_nm:.2f} of {wanted_nm:.2f} N·m, for more than {self.PATIENCE_S} s"
+            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 import re
 from collections.abc import Callable
 
@@ -36,7 +36,7 @@ def stopped() -> Bench:
     return bench
 
 
-def out_of_the_corridor() -> Bench:
+def off_its_path() -> Bench:
     bench = make_bench(control={"path_tolerance_rad": 0.1})
     bench.controller.start(loops(4.5))
     return bench
@@ -67,7 +67,7 @@ def a_gap_in_the_stamps() -> Bench:
 
 
 SCENES = {
-    out_of_the_corridor: r"(shoulder|elbow) is 0\.1\d\d rad off its desired position \(corridor 0\.100 rad\)",
+    off_its_path: r"(shoulder|elbow) is 0\.1\d\d rad off its desired position \(path tolerance 0\.100 rad\)",
     too_fast: r"shoulder moves at -3\.50 rad/s \(limit 3\.00 rad/s\)",
     beyond_a_joint_limit: r"shoulder is at 0\.9[56]\d rad \(limits -2\.900 to 0\.950 rad\)",
     stamps_that_go_back: r"the stamps of the joint states went back by 0\.100 s",
@@ -92,8 +92,8 @@ def test_from_the_abort_on_the_arm_is_only_braked_and_then_held(scene: Callable[
     bench = scene()
     bench.finish()
     braking = bench.rows(Phase.STOP)
-    q, soft = bench.position_rad, bench.controller.safety.motion
-    pushed_back = (q < soft.soft_min_rad) | (q > soft.soft_max_rad)
+    q, soft = bench.position_rad, bench.controller.safety.soft_limits
+    pushed_back = (q < soft.low_rad) | (q > soft.high_rad)
     power_w = np.where(pushed_back, 0.0, bench.column("effort_nm") * bench.velocity_rad_s)[braking]
     assert np.all(power_w <= 0.0)
     bench.steps(1.5)
@@ -251,11 +251,12 @@ def test_an_arm_that_was_let_go_is_not_taken_hold_of_when_states_return() -> Non
 
 def test_an_effort_that_is_not_a_number_is_never_commanded() -> None:
     bench = in_run(0.5)
-    law = bench.controller._law
-    bench.controller._law = dataclasses.replace(law, stiffness_nm_per_rad=np.full(2, np.nan))
+    springs = bench.controller._springs
+    bench.controller._springs = broken = copy.copy(springs)
+    object.__setattr__(broken, "stiffness_nm_per_rad", np.full(2, np.nan))
     assert bench.step().effort_nm.tolist() == [0.0, 0.0]
     assert bench.controller.phase == Phase.STOP
-    bench.controller._law = law
+    bench.controller._springs = springs
     report = bench.finish()
     assert report.outcome == Outcome.ABORTED
     assert "expected 2 finite numbers" in report.message

@@ -10,11 +10,11 @@ import pytest
 from two_link import arm_config
 
 from tel_ros.core.config import Config, PathConfig, PracticeConfig
+from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.decisions import Movement
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
-from tel_ros.core.safety.limits import Limits
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path, waypoint_path
 from tel_ros.core.trial import TrialGoal
 

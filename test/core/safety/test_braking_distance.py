@@ -10,22 +10,30 @@ from two_link import TwoLinkArm, arm_config
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.safety.braking_distance import BrakingDistance
 from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.safety.motion_rules import BrakingDistance, SoftLimits
+from tel_ros.core.safety.rules import EffortRange, LastEffort
 
 ARM = arm_config()
 SOFT_RAD = 2.8
+LIMITS = SoftLimits.of(ARM, SafetyConfig())
 RULE = dataclasses.replace(
-    BrakingDistance.of(ARM, SafetyConfig()), deceleration_rad_s2=np.full(2, 20.0), creep_rad_s=np.full(2, 1.0)
+    BrakingDistance.of(ARM, SafetyConfig(), LIMITS),
+    deceleration_rad_s2=np.full(2, 20.0),
+    creep_rad_s=np.full(2, 1.0),
 )
 """Within 1 rad of a limit 1 + √40 = 7.32 rad/s can be braked."""
+
+
+def permitted(rule: BrakingDistance, position: np.ndarray, velocity: np.ndarray) -> EffortRange:
+    return rule.permitted(ArmState(0, position, velocity), LastEffort(np.zeros(2), 0.002))
 
 
 def highest(room_rad: float, speed_rad_s: float) -> float:
     position, velocity = np.array([SOFT_RAD - room_rad, 0.0]), np.array([speed_rad_s, 0.0])
     up, down = (
         np.broadcast_arrays(bounds.low_nm, bounds.high_nm, np.zeros(2))
-        for bounds in (RULE.permitted(position, velocity), RULE.permitted(-position, -velocity))
+        for bounds in (permitted(RULE, position, velocity), permitted(RULE, -position, -velocity))
     )
     assert down[0][0] == -up[1][0]  # the same on both sides
     assert up[0][0] == up[0][1] == -np.inf and up[1][1] == np.inf  # and nothing else is bounded
@@ -47,15 +55,15 @@ def test_above_it_less_and_less_effort_is_left_and_then_all_of_it_brakes() -> No
 
 def test_the_inertia_is_bounded_by_what_the_springs_damp() -> None:
     # B² / (0.36 K) = 0.417 kg·m²; half of 20 N·m on that.
-    np.testing.assert_allclose(BrakingDistance.of(ARM, SafetyConfig()).deceleration_rad_s2, 24.0)
-    told = BrakingDistance.of(ARM, SafetyConfig(deceleration_rad_s2=(3.0, 4.0)))
+    np.testing.assert_allclose(BrakingDistance.of(ARM, SafetyConfig(), LIMITS).deceleration_rad_s2, 24.0)
+    told = BrakingDistance.of(ARM, SafetyConfig(deceleration_rad_s2=(3.0, 4.0)), LIMITS)
     np.testing.assert_array_equal(told.deceleration_rad_s2, [3.0, 4.0])
 
 
 def test_joints_without_limits_are_never_braked() -> None:
-    endless = dataclasses.replace(RULE, soft_min_rad=np.full(2, -np.inf), soft_max_rad=np.full(2, np.inf))
-    permitted = endless.permitted(np.zeros(2), np.array([50.0, -50.0]))
-    assert np.all(permitted.high_nm == np.inf) and np.all(permitted.low_nm == -np.inf)
+    endless = dataclasses.replace(LIMITS, low_rad=np.full(2, -np.inf), high_rad=np.full(2, np.inf))
+    free = permitted(dataclasses.replace(RULE, limits=endless), np.zeros(2), np.array([50.0, -50.0]))
+    assert np.all(free.high_nm == np.inf) and np.all(free.low_nm == -np.inf)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

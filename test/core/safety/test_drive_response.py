@@ -10,17 +10,11 @@ from two_link import arm_config
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.safety.drive_response import (
-    ANSWERS_TO_BE_KNOWN,
-    OVERDUE_S,
-    PATIENCE_S,
-    DriveResponse,
-)
-from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.safety.layer import DriveResponse, SafetyLayer
 
 PERIOD_NS = 2_000_000
 LIMIT_NM = 20.0
-PATIENT_TICKS = round(PATIENCE_S * 1e9 / PERIOD_NS)
+PATIENT_TICKS = round(DriveResponse.PATIENCE_S * 1e9 / PERIOD_NS)
 
 
 class Drive:
@@ -41,7 +35,7 @@ class Drive:
 def drive() -> Drive:
     """Return one of a joint that has answered often enough to be judged."""
     drive = Drive(DriveResponse(("shoulder", "elbow"), (LIMIT_NM, LIMIT_NM)))
-    assert drive.run(ANSWERS_TO_BE_KNOWN, 5.0, 5.0) == ""
+    assert drive.run(DriveResponse.ANSWERS_TO_BE_KNOWN, 5.0, 5.0) == ""
     return drive
 
 
@@ -64,7 +58,7 @@ def test_what_is_no_silence_is_left_alone(drive: Drive, commanded: float, report
 
 def test_a_joint_that_never_reported_an_effort_is_not_judged() -> None:
     drive = Drive(DriveResponse(("shoulder", "elbow"), (LIMIT_NM, LIMIT_NM)))
-    assert drive.run(ANSWERS_TO_BE_KNOWN - 1, 5.0, 5.0) == ""  # may be chance
+    assert drive.run(DriveResponse.ANSWERS_TO_BE_KNOWN - 1, 5.0, 5.0) == ""  # may be chance
     assert drive.run(1000, 5.0, 0.0) == ""
 
 
@@ -86,7 +80,7 @@ def test_an_answer_is_overdue_long_before_a_motor_counts_as_dead(drive: Drive) -
         assert drive.run(ticks, commanded, reported) == ""
         return drive.response.is_overdue(drive.ticks * PERIOD_NS)
 
-    overdue_ticks = round(OVERDUE_S * 1e9 / PERIOD_NS)
+    overdue_ticks = round(DriveResponse.OVERDUE_S * 1e9 / PERIOD_NS)
     assert not is_overdue_after(overdue_ticks, 5.0, 0.0)
     assert is_overdue_after(2, 5.0, 0.0)
     assert not is_overdue_after(1, 5.0, 5.0), "it has answered"
@@ -114,7 +108,7 @@ def test_nothing_is_said_where_reports_are_not_to_be_trusted() -> None:
         (arm_config(command_interface="position"), SafetyConfig()),
     ):
         drive = Drive(DriveResponse.of(arm, safety))
-        drive.run(ANSWERS_TO_BE_KNOWN, 5.0, 5.0)
+        drive.run(DriveResponse.ANSWERS_TO_BE_KNOWN, 5.0, 5.0)
         assert drive.run(100, 5.0, 0.0) == ""
 
 

@@ -12,9 +12,9 @@ from two_link import arm_config
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
 from tel_ros.core.errors import ConfigError, EffortError
-from tel_ros.core.safety.effort_rate import EffortRate
 from tel_ros.core.safety.layer import SafetyLayer
-from tel_ros.core.safety.motion_limits import MotionLimits
+from tel_ros.core.safety.motion_rules import MotionLimits, SoftLimits
+from tel_ros.core.safety.rules import EffortRate, LastEffort
 
 ARM = arm_config()
 PERIOD_NS = 2_000_000
@@ -79,8 +79,8 @@ def test_a_late_state_lets_efforts_grow_by_two_periods_at_most() -> None:
 
 
 def test_letting_go_fades_as_slowly_as_efforts_may_grow_and_ends_at_zero() -> None:
-    rate = EffortRate(np.array([1000.0, 1000.0]))
-    assert rate.towards_zero(np.array([5.0, -1.5]), 0.002).tolist() == [3.0, 0.0]
+    rate = EffortRate(np.array([1000.0, 1000.0]), period_s=0.002)
+    assert rate.towards_zero(LastEffort(np.array([5.0, -1.5]), 0.002)).tolist() == [3.0, 0.0]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -164,24 +164,25 @@ def test_joints_without_limits_are_bounded_by_speed_and_effort_alone() -> None:
     free = {"position_min_rad": (-1e6, -1e6), "position_max_rad": (1e6, 1e6)}
     effort, _ = layer(**free).permit(state(1, (1e3, -1e3)), np.array([30.0, -30.0]))
     assert effort.tolist() == [20.0, -20.0]
-    limits = MotionLimits.of(ARM, SafetyConfig())
-    endless = dataclasses.replace(limits, soft_min_rad=np.full(2, -np.inf), soft_max_rad=np.full(2, np.inf))
-    permitted = endless.permitted(np.array([1e9, -5.0]), np.array([3.0, 0.0]))
+    limits = SoftLimits.of(ARM, SafetyConfig())
+    endless = dataclasses.replace(limits, low_rad=np.full(2, -np.inf), high_rad=np.full(2, np.inf))
+    rule = MotionLimits.of(ARM, SafetyConfig(), endless)
+    permitted = rule.permitted(state(0, (1e9, -5.0), (3.0, 0.0)), LastEffort(np.zeros(2), 0.002))
     np.testing.assert_allclose(permitted.high_nm, 3.0 * (18.75 - np.array([3.0, 0.0])))
 
 
 def test_over_random_states_the_effort_is_finite_within_limits_and_never_drives_outward_beyond() -> None:
     rng = np.random.default_rng(5)
     safe = layer(SafetyConfig())
-    soft = safe.motion
+    soft = safe.soft_limits
     for k in range(3000):
         q, v = rng.uniform(-3.5, 3.5, 2), rng.normal(0.0, 10.0, 2)
         wanted = rng.normal(0.0, 10.0 ** rng.uniform(-3, 6), 2)
         effort, changed = safe.permit(state(k, q, v), wanted)
         assert np.all(np.abs(effort) <= 20.0)
         assert changed.tolist() == (effort != wanted).tolist()
-        assert np.all(effort[(q > soft.soft_max_rad) & (v >= 0.0)] <= 0.0)
-        assert np.all(effort[(q < soft.soft_min_rad) & (v <= 0.0)] >= 0.0)
+        assert np.all(effort[(q > soft.high_rad) & (v >= 0.0)] <= 0.0)
+        assert np.all(effort[(q < soft.low_rad) & (v <= 0.0)] >= 0.0)
         assert np.all(effort[v > 18.75] <= 0.0)
         assert np.all(effort[v < -18.75] >= 0.0)
 

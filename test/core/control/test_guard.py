@@ -8,7 +8,7 @@ from two_link import Bench, TwoLinkArm, arm_config, make_bench, reach
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ControlConfig, SafetyConfig
-from tel_ros.core.safety.guard import CommandGuard
+from tel_ros.core.control.guard import AwakeClock, CommandGuard
 from tel_ros.core.trial import Phase
 
 PERIOD_NS = 2_000_000
@@ -178,3 +178,22 @@ def test_the_guard_says_when_the_arm_has_its_final_effort(final_effort: str) -> 
     assert not arm.guard.at_final_effort
     arm.guard.on_command(np.zeros(2), arm.bench.time_ns / 1e9)
     assert arm.guard.at_final_effort
+
+
+def test_it_agrees_with_the_clock_on_the_wall_while_somebody_looks_often() -> None:
+    clock = AwakeClock(0.01, 100.0)
+    for k in range(1, 501):
+        clock.look(100.0 + 0.002 * k)
+    assert clock.time_s == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_stall_counts_as_one_step_only() -> None:
+    clock = AwakeClock(0.01, 5.0)
+    assert clock.look(7.0) == 0.01
+
+
+def test_it_never_runs_backwards() -> None:
+    clock = AwakeClock(0.01, 5.0)
+    before = clock.look(5.005)
+    assert clock.look(4.0) == before
+    assert clock.look(4.001) == pytest.approx(before + 0.001)

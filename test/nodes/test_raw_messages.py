@@ -10,9 +10,9 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from tel_ros.core.config import ArmConfig, ControlConfig
 from tel_ros.core.errors import StateError
-from tel_ros.nodes.conversions import to_time
-from tel_ros.nodes.hot_messages import CommandReader, packed_command
-from tel_ros.nodes.joint_state_reader import JointStateReader
+from tel_ros.core.safety.gate import StateGate
+from tel_ros.nodes.conversions import command_reader, joint_state_numbers, joint_state_reader, to_time
+from tel_ros.recording.cdr import packed_command
 
 ARM = ArmConfig(
     name="arm",
@@ -36,14 +36,16 @@ def state(k: int, names: list[str], effort: bool = True) -> JointState:
 
 
 def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints() -> None:
-    of_bytes, of_messages = (JointStateReader(ARM, ControlConfig()) for _ in range(2))
+    reader = joint_state_reader()
+    of_bytes, of_messages = (StateGate(ARM, ControlConfig()) for _ in range(2))
     orders = (["shoulder", "elbow"], ["elbow", "shoulder"], ["gripper", "elbow", "shoulder"])
     for k in range(30):
         message = state(k, orders[k // 10], effort=k % 2 == 0)
         if k // 10:  # so that no joint jumps
             by_name = dict(zip(orders[0], (0.1, 0.2), strict=True))
             message.position = [by_name.get(name, 7.0) + 1e-4 * k for name in message.name]
-        found, expected = of_bytes.read_serialised(serialize_message(message)), of_messages.read(message)
+        found = of_bytes.admit(*reader.read(serialize_message(message)), 0)
+        expected = of_messages.admit(*joint_state_numbers(message), 0)
         assert found.time_ns == expected.time_ns
         np.testing.assert_array_equal(found.position_rad, expected.position_rad)
         np.testing.assert_array_equal(found.velocity_rad_s, expected.velocity_rad_s)
@@ -64,14 +66,14 @@ def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints
     ids=["nothing", "too short", "no joints", "one joint", "one position"],  # bytes have stray padding
 )
 def test_what_is_no_state_of_the_arm_is_refused(raw: bytes, match: str) -> None:
-    reader = JointStateReader(ARM, ControlConfig())
+    reader, gate = joint_state_reader(), StateGate(ARM, ControlConfig())
     with pytest.raises(StateError, match=match):
-        reader.read_serialised(raw)
-    reader.read_serialised(serialize_message(state(1, ["shoulder", "elbow"])))
+        gate.admit(*reader.read(raw), 0)
+    gate.admit(*reader.read(serialize_message(state(1, ["shoulder", "elbow"]))), 0)
 
 
 def test_commands_of_all_dresses_are_read() -> None:
-    reader = CommandReader()
+    reader = command_reader()
     for labels, label in (
         ([], b""),
         (["17"], b"17"),

@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
-from tel_ros.core.control.brake import SpringBrake
-from tel_ros.core.control.ep_law import EpLaw
-from tel_ros.core.control.load import HoldingLoad
-from tel_ros.core.control.rest import RestDetector
+from tel_ros.core.control.holding import Hold, RestDetector
 from tel_ros.core.errors import EffortError
-from tel_ros.core.safety.finite import require_finite
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, FloatArray
+
+
+class AwakeClock:
+    """A clock that does not count the time in which its process stood still.
+
+    A process that waits for a message cannot tell whether the sender is gone or it stood still itself (or the
+    whole machine) with the message waiting outside. So a gap between two looks counts as one step at most.
+
+    Args:
+        longest_step_s: how much the clock may advance from one look to the next.
+        now_s: of a clock that only runs forward.
+    """
+
+    def __init__(self, longest_step_s: float, now_s: float) -> None:
+        self._longest_step_s, self._looked_at_s = longest_step_s, now_s
+        self.time_s = 0.0
+        """Time spent awake."""
+
+    def look(self, now_s: float) -> float:
+        """Return the time spent awake; ``now_s`` is of the same clock as before."""
+        self.time_s += min(max(now_s - self._looked_at_s, 0.0), self._longest_step_s)
+        self._looked_at_s = now_s
+        return self.time_s
 
 
 class CommandGuard:
@@ -20,8 +41,8 @@ class CommandGuard:
 
     It is silent while commands come, before the first one, and after a command of zero effort, with which a
     controller ends in good order. After ``safety.command_timeout_s`` of silence it answers every new state:
-    the same springs, brake and safety layer as the controller's bring the arm to rest, and then hold it or
-    let it go (``safety.final_effort``). It yields to the first command that it hears. A command that is not
+    the same springs, brake and safety layer as the controller's bring the arm to rest, and then hold or
+    release it (``safety.final_effort``). It yields to the first command that it hears. A command that is not
     finite or has another length counts as none.
 
     While it listens it learns from commands and states which effort holds the arm at rest.
@@ -38,52 +59,44 @@ class CommandGuard:
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig) -> None:
         self._control = control
         self._timeout_s = safety.command_timeout_s
-        self._lets_go = safety.final_effort == "zero"
+        self._releases = safety.final_effort == "zero"
         self._n_joints = len(arm.joints)
-        springs = Springs.of(arm)
-        self._law = EpLaw(springs.stiffness_nm_per_rad, springs.damping_nms_per_rad)
+        self._springs = Springs.of(arm)
         self.safety = SafetyLayer(arm, safety, control.rate_hz)
         """What every effort of the guard goes through."""
-        self._load = HoldingLoad()
+        self._hold = Hold()
         self._rest = self._new_rest_detector()
         self._heard_nm: FloatArray | None = None
         self._heard_at_s = 0.0
         self._last_ns: int | None = None
-        self._brake: SpringBrake | None = None
+        self.active = False
+        """Whether the guard has taken over."""
         self._since_ns = 0
-        self._letting_go = self._rested = False
+        self._releasing = self._rested = False
 
     @property
     def at_final_effort(self) -> bool:
         """Whether nothing is left to do: the arm has its final effort, from here or from elsewhere."""
         if not self.active:
             return self._heard_nm is None or not self._heard_nm.any()
-        return self._letting_go and not self.safety.last_nm.any() if self._lets_go else self._rested
-
-    @property
-    def active(self) -> bool:
-        """Whether the guard has taken over."""
-        return self._brake is not None
+        return self._releasing and not self.safety.last_nm.any() if self._releases else self._rested
 
     def on_command(self, effort_nm: FloatArray, now_s: float) -> None:
-        """Take in a command of somebody else; the guard's own must not come here.
+        """Take in a command from another node; the guard's own must not come here.
 
         Args:
             effort_nm: as heard.
             now_s: of a monotonic clock.
         """
-        try:
-            require_finite(effort_nm, self._n_joints)
-        except EffortError:
-            return
-        self._heard_nm, self._heard_at_s = effort_nm.copy(), now_s
-        self._brake = None
+        if effort_nm.shape == (self._n_joints,) and np.isfinite(effort_nm).all():
+            self._heard_nm, self._heard_at_s = effort_nm.copy(), now_s
+            self.active = False
 
     def on_state(self, state: ArmState, now_s: float) -> FloatArray | None:
-        """Take in a measured state.
+        """Take in a measured state; one with the stamp of the last one is passed over.
 
         Args:
-            state: as measured. One with the stamp of the last one is passed over.
+            state: as measured.
             now_s: of the clock of :meth:`on_command`.
 
         Returns:
@@ -93,17 +106,17 @@ class CommandGuard:
             return None
         if self._last_ns is not None and state.time_ns < self._last_ns:
             self._rest = self._new_rest_detector()
-            if self._brake is not None:
+            if self.active:
                 self._take_over(state)
         self._last_ns = state.time_ns
         at_rest = self._rest.at_rest(state.time_ns, state.position_rad)
         if self._heard_nm is None:
             return None
-        if self._brake is None:
+        if not self.active:
             if now_s - self._heard_at_s < self._timeout_s:
-                self._load.add(state.time_ns, self._heard_nm)
+                self._hold.load.add(state.time_ns, self._heard_nm)
                 if at_rest:
-                    self._load.keep()
+                    self._hold.load.keep()
                 return None
             if not self._heard_nm.any():
                 return None
@@ -112,24 +125,21 @@ class CommandGuard:
         return self._effort(state, at_rest)
 
     def _take_over(self, state: ArmState) -> None:
-        self._brake = SpringBrake(
-            state.position_rad, self._load.deflection_rad(self._law.stiffness_nm_per_rad)
-        )
+        self._hold.begin()
         self._rest = self._new_rest_detector()
         self._since_ns = state.time_ns
-        self._letting_go = self._rested = False
+        self.active, self._releasing, self._rested = True, False, False
         self.safety.none()
 
     def _effort(self, state: ArmState, at_rest: bool) -> FloatArray:
-        assert self._brake is not None
         waited_s = (state.time_ns - self._since_ns) / NS_PER_S
         self._rested = at_rest or waited_s > self._control.settle_timeout_s
-        self._letting_go |= self._lets_go and self._rested
-        if self._letting_go:
+        self._releasing |= self._releases and self._rested
+        if self._releasing:
             wanted = self.safety.fading(state.time_ns)
         else:
-            equilibrium = self._brake.equilibrium(state.position_rad, state.velocity_rad_s, at_rest)
-            wanted = self._law.effort(equilibrium, state.position_rad, state.velocity_rad_s)
+            equilibrium = self._hold.equilibrium(state, self._springs, at_rest)
+            wanted = self._springs.effort(equilibrium, state.position_rad, state.velocity_rad_s)
         try:
             return self.safety.permit(state, wanted).effort_nm
         except EffortError:

@@ -1,0 +1,255 @@
+"""Safety rules about motion: soft joint limits, velocity limits and the distance that braking takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tel_ros.core.arm_state import ArmState
+from tel_ros.core.config import ArmConfig, SafetyConfig
+from tel_ros.core.safety.rules import ANY_EFFORT, EffortRange, LastEffort, QuietBounds, SafetyRule
+from tel_ros.core.types import NS_PER_S, FloatArray
+
+LEAST_DAMPING_S = 0.05
+"""Default k_velocity as a share of K, for joints with little damping of their own."""
+DAMPING_FACTOR = 2.0
+"""Default k_velocity as a multiple of B."""
+WALL_STIFFNESS = 4.0
+"""Default k_position · k_velocity, the stiffness of a soft limit, as a share of K."""
+BEYOND_FACTOR = 2.0
+"""How many times k_position counts beyond a soft limit."""
+LARGEST_MARGIN_RAD = 0.1
+MARGIN_SHARE = 0.025
+"""Default distance of soft from hard limit: this share of the range, at most the largest margin."""
+LEADING_SHARE = 0.05
+"""How fast a soft limit goes back to its place: this share of the joint's velocity limit."""
+LEAST_DAMPING_RATIO = 0.3
+"""Of the springs with the arm stretched out, as docs/real-arm.md asks for: it bounds the inertia to brake."""
+BRAKING_SHARE = 0.5
+"""Default deceleration: what this share of the effort limit gives that inertia."""
+CREEP_SHARE = 0.1
+"""Up to this share of its velocity limit the soft walls alone stop a joint."""
+BRAKING_GAIN = 10.0
+"""A joint that is too fast is braked with this many times the soft walls' damping."""
+BRAKING_BAND = 0.15
+"""This share above the speed that can still be braked, no effort is left towards the limit."""
+_FAR_RAD = 1e9
+
+
+@dataclass(frozen=True)
+class WallGains:
+    """Stiffness and damping of the soft walls. Shapes (n_joints,)."""
+
+    k_position_per_s: FloatArray
+    k_velocity_nms_per_rad: FloatArray
+
+    @classmethod
+    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> WallGains:
+        """Return the configured gains, where empty those that follow the arm's own springs."""
+        stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
+        if safety.k_velocity_nms_per_rad:
+            k_velocity = np.array(safety.k_velocity_nms_per_rad)
+        else:
+            k_velocity = np.maximum(DAMPING_FACTOR * damping, LEAST_DAMPING_S * stiffness)
+        if safety.k_position_per_s:
+            k_position = np.array(safety.k_position_per_s)
+        else:
+            k_position = WALL_STIFFNESS * stiffness / k_velocity
+        return cls(k_position, k_velocity)
+
+
+def top_speed(arm: ArmConfig, safety: SafetyConfig) -> FloatArray:
+    """Return the speed that no effort may exceed, in rad/s: above the one at which a trial is aborted.
+
+    A joint that moves at nearly that speed still needs effort against gravity and friction.
+    """
+    return (1.0 + safety.velocity_margin) * np.array(arm.velocity_limit_rad_s)
+
+
+def soft_range(arm: ArmConfig, safety: SafetyConfig) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper soft limits in rad. Shapes (n_joints,)."""
+    low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
+    if safety.soft_margin_rad:
+        margin = np.array(safety.soft_margin_rad)
+    else:
+        margin = np.minimum(MARGIN_SHARE * (high - low), LARGEST_MARGIN_RAD)
+    return low + margin, high - margin
+
+
+@dataclass
+class SoftLimits:
+    """Soft joint limits, which move behind joints that are found beyond them, and lead these back.
+
+    A soft limit is a stiff spring. On an arm that fell while nobody commanded it, and now leans against the
+    end of its range, it would act at once with all that it is compressed by: up to 300 N·m on a joint of
+    the simulated iiwa, which was thrown inside with 2.6 rad/s. So a limit acts where the joint is found, and
+    takes it along from there; while the motors do not act it waits for the joint (:meth:`find` again).
+
+    Args:
+        low_rad: may be infinite, as all limits. Shape (n_joints,), as all of these.
+        high_rad: above ``low_rad``.
+        reach_rad: distance from which on the wall slows a joint, whatever its speed within the limit.
+        leading_rad_s: speed at which a limit goes back to its place.
+    """
+
+    low_rad: FloatArray
+    high_rad: FloatArray
+    reach_rad: FloatArray
+    leading_rad_s: FloatArray
+    _shift_rad: FloatArray | None = field(default=None, init=False)
+    _since_ns: int = field(default=0, init=False)
+
+    @classmethod
+    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> SoftLimits:
+        """Return the soft limits of a configured arm whose empty fields have been filled from its URDF."""
+        reach_rad = top_speed(arm, safety) / WallGains.of(arm, safety).k_position_per_s
+        leading_rad_s = LEADING_SHARE * np.array(arm.velocity_limit_rad_s)
+        return cls(*soft_range(arm, safety), reach_rad, leading_rad_s)
+
+    @property
+    def lead(self) -> bool:
+        """Whether a soft limit is not in its place."""
+        return self._shift_rad is not None
+
+    def find(self, time_ns: int, position_rad: FloatArray) -> None:
+        """Take in where an arm is that its motors have not held until now. Shape (n_joints,)."""
+        shift_rad = position_rad - np.clip(position_rad, self.low_rad, self.high_rad)
+        self._shift_rad, self._since_ns = (shift_rad if shift_rad.any() else None), time_ns
+
+    def seen(self, state: ArmState) -> FloatArray:
+        """Return the position to compare with the limits in their places. Shape (n_joints,)."""
+        if self._shift_rad is None:
+            return state.position_rad
+        step_rad = self.leading_rad_s * max(0.0, (state.time_ns - self._since_ns) / NS_PER_S)
+        shift_rad = np.sign(self._shift_rad) * np.maximum(np.abs(self._shift_rad) - step_rad, 0.0)
+        if not shift_rad.any():
+            self._shift_rad = None
+        seen_rad: FloatArray = state.position_rad - shift_rad
+        return seen_rad
+
+
+@dataclass(frozen=True)
+class BrakingDistance(SafetyRule):
+    """Takes the effort away from a joint that comes too fast to a soft limit, and brakes it.
+
+    Within a distance d of a soft limit, a joint that can be braked with the deceleration a may be as fast as
+    √(2 a d). Up to that speed its effort is free. Above it there is less and less effort towards the limit,
+    and then effort away from it, up to all that there is.
+
+    The default of a takes the springs' word for the inertia: K and B damp an inertia I with the ratio
+    ζ = B / (2 √(K I)), and with ζ of at least 0.3 it is I = B² / (0.36 K) at most.
+
+    Args:
+        limits: the soft limits.
+        creep_rad_s: speed that is always allowed. Shape (n_joints,), as all of these.
+        deceleration_rad_s2: a, above 0.
+        gain_nms_per_rad: effort against each rad/s that a joint is too fast, above 0.
+        effort_limit_nm: what there is to brake with.
+    """
+
+    limits: SoftLimits
+    creep_rad_s: FloatArray
+    deceleration_rad_s2: FloatArray
+    gain_nms_per_rad: FloatArray
+    effort_limit_nm: FloatArray
+
+    @classmethod
+    def of(cls, arm: ArmConfig, safety: SafetyConfig, limits: SoftLimits) -> BrakingDistance:
+        """Return the rule for a configured arm whose empty fields have been filled from its URDF."""
+        effort = np.array(arm.effort_limit_nm)
+        if safety.deceleration_rad_s2:
+            deceleration = np.array(safety.deceleration_rad_s2)
+        else:
+            stiffness = np.array(arm.stiffness_nm_per_rad)
+            damping = np.maximum(np.array(arm.damping_nms_per_rad), LEAST_DAMPING_S * stiffness)
+            inertia = damping**2 / ((2.0 * LEAST_DAMPING_RATIO) ** 2 * stiffness)
+            deceleration = BRAKING_SHARE * effort / inertia
+        creep = CREEP_SHARE * np.array(arm.velocity_limit_rad_s)
+        gain = BRAKING_GAIN * WallGains.of(arm, safety).k_velocity_nms_per_rad
+        return cls(limits, creep, deceleration, gain, effort)
+
+    def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
+        """Return the efforts that a measured state permits; infinite where there is nothing to brake."""
+        velocity_rad_s = state.velocity_rad_s
+        speed = np.abs(velocity_rad_s)
+        # Most ticks end here or below: this is in the control loop.
+        if (speed <= self.creep_rad_s).all():
+            return ANY_EFFORT
+        position_rad = self.limits.seen(state)
+        upward = velocity_rad_s > 0.0
+        room = np.where(upward, self.limits.high_rad - position_rad, position_rad - self.limits.low_rad)
+        fastest = self._fastest(np.minimum(np.maximum(room, 0.0), _FAR_RAD))
+        too_fast = speed > fastest
+        if not too_fast.any():
+            return ANY_EFFORT
+        gain, limit = self.gain_nms_per_rad, self.effort_limit_nm
+        braking = gain * (fastest - speed) + np.minimum(limit, gain * BRAKING_BAND * fastest)
+        outward = np.where(too_fast, np.maximum(braking, -limit), np.inf)
+        return EffortRange(np.where(upward, -np.inf, -outward), np.where(upward, outward, np.inf))
+
+    def quiet(self) -> QuietBounds:
+        """Return the speed that can be braked from where the walls begin to act."""
+        low, high, room = self.limits.low_rad, self.limits.high_rad, self.limits.reach_rad
+        return QuietBounds(low_rad=low + room, high_rad=high - room, speed_rad_s=self._fastest(room))
+
+    def _fastest(self, room_rad: FloatArray) -> FloatArray:
+        fastest: FloatArray = np.sqrt(2.0 * self.deceleration_rad_s2 * room_rad) + self.creep_rad_s
+        return fastest
+
+
+@dataclass(frozen=True)
+class MotionLimits(SafetyRule):
+    """Bounds the effort so that joints stay within soft limits and below a speed.
+
+    The rule is that of the PR2's safety controller and of ros2_control's soft joint limits. A joint may move
+    outward at v_max = k_position (q_soft − q) at most, and at v_limit at most, and the effort that may drive
+    it outward is k_velocity (v_max − v); the same the other way round for the lower limit. Where that is
+    negative it has to brake or to push back, whatever the command is. Two things are ours: beyond a soft
+    limit k_position counts :data:`BEYOND_FACTOR` times, so that a weight cannot press far into it; and
+    v_limit is :func:`top_speed`.
+
+    By default k_position · k_velocity = 4 K and k_velocity = 2 B: no command can pull harder than springs
+    would that are four times as stiff, have twice the damping and their equilibrium point at the soft limit.
+    Gains that follow those of the arm's own springs suit heavy and light joints alike. Such a wall stops what
+    is slow; what is fast is braked before (:class:`BrakingDistance`).
+
+    Sources: wiki.ros.org/pr2_controller_manager/safety_limits; urdf::JointSafety;
+    joint_limits/src/joint_soft_limiter.cpp of ros2_control.
+
+    Args:
+        limits: the soft limits.
+        velocity_rad_s: v_limit. Shape (n_joints,).
+        gains: above 0.
+    """
+
+    limits: SoftLimits
+    velocity_rad_s: FloatArray
+    gains: WallGains
+
+    @classmethod
+    def of(cls, arm: ArmConfig, safety: SafetyConfig, limits: SoftLimits) -> MotionLimits:
+        """Return the rule for a configured arm whose empty fields have been filled from its URDF."""
+        return cls(limits, top_speed(arm, safety), WallGains.of(arm, safety))
+
+    def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
+        """Return the efforts that a measured state permits; not bounded by what the motors can do."""
+        position_rad = self.limits.seen(state)
+        up = self._fastest_outward(self.limits.high_rad - position_rad)
+        down = self._fastest_outward(position_rad - self.limits.low_rad)
+        k = self.gains.k_velocity_nms_per_rad
+        return EffortRange(k * (-down - state.velocity_rad_s), k * (up - state.velocity_rad_s))
+
+    def quiet(self) -> QuietBounds:
+        """Return where all of v_limit is free, so that the rule asks for abs(τ + k v) ≤ k v_limit alone."""
+        k, room = self.gains.k_velocity_nms_per_rad, self.velocity_rad_s / self.gains.k_position_per_s
+        return QuietBounds(
+            low_rad=self.limits.low_rad + room,
+            high_rad=self.limits.high_rad - room,
+            damping_nms_per_rad=k,
+            damped_nm=k * self.velocity_rad_s,
+        )
+
+    def _fastest_outward(self, room_rad: FloatArray) -> FloatArray:
+        speed = self.gains.k_position_per_s * np.minimum(room_rad, BEYOND_FACTOR * room_rad)
+        return np.minimum(np.maximum(speed, -self.velocity_rad_s), self.velocity_rad_s)
