@@ -40,8 +40,9 @@ def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
         np.testing.assert_array_equal(trial.equilibrium_rad, expected.equilibrium_rad)
         np.testing.assert_array_equal(trial.position_rad, expected.position_rad)
         with AnyReader([bag]) as reader:
-            connections = [c for c in reader.connections if c.topic in topics.RECORDED_COMMANDS]
-            assert [c.topic for c in connections] == [topics.POSITION_COMMANDS]
+            commands = [topics.absolute(topic) for topic in topics.RECORDED_COMMANDS]
+            connections = [c for c in reader.connections if c.topic in commands]
+            assert [c.topic for c in connections] == [topics.absolute(topics.POSITION_COMMANDS)]
             sent = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages(connections)]
         np.testing.assert_array_equal(sent, trial.equilibrium_rad)
 

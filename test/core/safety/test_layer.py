@@ -209,7 +209,7 @@ def test_a_light_joint_that_is_pushed_outward_comes_to_rest_at_the_soft_limit(in
 @pytest.mark.parametrize(
     ("key", "values", "expected"),
     [
-        ("effort_rate_nm_per_s", (1.0,), "one value for each of the joints shoulder, elbow"),
+        ("effort_rate_nm_per_s", (1.0,), "one for each of the joints shoulder, elbow"),
         ("soft_margin_rad", (0.1, 3.0), "less than half of each joint's range"),
     ],
 )
