@@ -14,8 +14,8 @@ from tel_ros.core.types import FloatArray
 
 GIVEN_BACK = 0.5
 """Most that springs and soft walls give back of the energy of an arm that they catch. A spring of the brake
-gives back a quarter each time (core/control/holding.py); the simulated iiwa, caught after a second of falling,
-got up to 5.6 J back with 9.4 J of kinetic energy at most."""
+gives back a quarter each time (core/control/holding.py); the simulated iiwa, caught after a second of
+falling, got up to 5.6 J back with 9.4 J of kinetic energy at most."""
 
 
 @dataclass(frozen=True)
