@@ -1,22 +1,78 @@
-"""What studies keep of practised trials, and how demanding a movement is by the exact model."""
+"""What studies have in common: practice on an arm that may change, what is kept of trials, judged targets.
+
+And how demanding a movement is by the exact model.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflineArm, OfflineTrial, PractisedTrial
-from tel_ros.core.config import ArmConfig, Config
+from tel_lab.offline import OfflineArm, OfflinePractice, OfflineTrial, PractisedTrial
+from tel_ros.core.config import ArmConfig, Config, SimConfig
 from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, TrialGoal, TrialReport
+from tel_ros.recording.new_network import new_network
+from tel_ros.recording.waypoint_file import load_path
 
 _SLOWEST_S = 60.0
 _POINTS = 400
+
+
+@dataclass(frozen=True)
+class ArmChange:
+    """Another arm from some trial on.
+
+    Args:
+        at_trial: index of the first trial with it.
+        sim: values that differ.
+    """
+
+    at_trial: int
+    sim: dict[str, float]
+
+    def of(self, config: Config) -> SimConfig:
+        """Return the other arm."""
+        return replace(config.sim, **self.sim)  # type: ignore[arg-type]
+
+
+def practise(
+    config: Config, change: ArmChange | None = None, *, exact: bool = False
+) -> tuple[list[PractisedTrial], Ending]:
+    """Run what a configuration asks for; return the trials and how it ended.
+
+    Args:
+        config: of the practice run.
+        change: to another arm on the way.
+        exact: command with the exact model of the arm instead of the configured learner.
+    """
+
+    def learner(sim: SimConfig) -> Any:
+        return ExactInverseDynamics(config, sim) if exact else new_network(config)
+
+    with OfflinePractice(config, load_path(config.path, config.arm), learner(config.sim)) as practice:
+
+        def before_trial(plan: PlannedTrial) -> None:
+            if change is not None and plan.index == change.at_trial:
+                practice.arm.replace_arm(change.of(config))
+                if exact:
+                    practice.learner = learner(change.of(config))
+
+        trials = practice.run(before_trial=before_trial)
+        assert practice.ending is not None  # it has just run
+        return trials, practice.ending
+
+
+def verdict(met: bool, wanted: str, found: str) -> str:
+    """Return a judged target as a line of a list."""
+    return f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
 
 
 @dataclass(frozen=True)

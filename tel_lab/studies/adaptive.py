@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,14 +10,20 @@ from functools import partial
 import click
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflinePractice
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_lab.trial_record import TrialRecord, duration_at_effort_share, fastest_by_speed_s, record
+from tel_lab.trial_record import (
+    ArmChange,
+    TrialRecord,
+    duration_at_effort_share,
+    fastest_by_speed_s,
+    practise,
+    record,
+    verdict,
+)
 from tel_ros.core.config import Config
-from tel_ros.core.practice.decisions import Ending, PlannedTrial
+from tel_ros.core.practice.decisions import Ending
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 CONFIG = ROOT / "config" / "planar_arm.yaml"
@@ -32,14 +37,14 @@ class Run:
         config: of its beginning.
         trials: what was done.
         ending: how it ended.
-        changed_from: first trial with the other arm; 0: the arm stayed as it was.
+        change: of the arm on the way.
         fastest_s: shortest duration that the effort limits of the last arm allow, by the exact model.
     """
 
     config: Config
     trials: Sequence[TrialRecord]
     ending: Ending
-    changed_from: int
+    change: ArmChange | None
     fastest_s: float
 
     @property
@@ -64,14 +69,12 @@ class Scenario:
     Args:
         targets: what is wanted, and how it is judged.
         overrides: what is changed in the configuration.
-        later: what is changed in ``sim`` between two trials.
-        later_from: index of the first trial with that change.
+        change: of the arm on the way.
     """
 
     targets: Mapping[str, Target]
     overrides: tuple[str, ...] = ()
-    later: dict[str, float] = dataclasses.field(default_factory=dict)
-    later_from: int = 0
+    change: ArmChange | None = None
 
 
 def reached(run: Run, *, trials: int | None = None, rms_mrad: float = 5.0) -> tuple[str, bool]:
@@ -126,7 +129,7 @@ def not_beyond_the_path_tolerance_twice(run: Run) -> tuple[str, bool]:
         if t.excursion_rad > path_tolerance_rad or not t.completed
     ]
     twice = any(b - a == 1 for a, b in zip(beyond, beyond[1:], strict=False))
-    tested = 0 < run.changed_from <= len(run.trials)
+    tested = run.change is not None and run.change.at_trial <= len(run.trials)
     return f"beyond it or aborted: {beyond or 'none'}", tested and not twice
 
 
@@ -139,7 +142,7 @@ def recovered(run: Run) -> tuple[str, bool]:
         f"(possible: {wanted_s:.2f} s)"
     )
     near = last.duration_s <= 1.05 * wanted_s
-    tested = 0 < run.changed_from <= len(run.trials)
+    tested = run.change is not None and run.change.at_trial <= len(run.trials)
     return found, tested and last.completed and near and last.rms_rad <= 5e-3
 
 
@@ -175,36 +178,27 @@ SCENARIOS = {
         ("sim.inertia_scale=3.0",),
     ),
     "Payload doubled from trial 4 on, 0.5 to 1.0 kg": Scenario(
-        AFTER_A_CHANGE, ("sim.payload_kg=0.5",), {"payload_kg": 1.0}, 4
+        AFTER_A_CHANGE, ("sim.payload_kg=0.5",), ArmChange(4, {"payload_kg": 1.0})
     ),
-    "Inertia doubled from trial 4 on": Scenario(AFTER_A_CHANGE, (), {"inertia_scale": 2.0}, 4),
+    "Inertia doubled from trial 4 on": Scenario(AFTER_A_CHANGE, (), ArmChange(4, {"inertia_scale": 2.0})),
     "Inertia doubled from trial 5 on, on the way to 3.0 s: the present speed becomes impossible": Scenario(
-        AFTER_A_CHANGE, ("practice.goal_duration_s=3.0",), {"inertia_scale": 2.0}, 5
+        AFTER_A_CHANGE, ("practice.goal_duration_s=3.0",), ArmChange(5, {"inertia_scale": 2.0})
     ),
     "Inertia four times as large from trial 4 on: enough for an abort": Scenario(
-        {"goes back after the abort": rolled_back, **AFTER_A_CHANGE}, (), {"inertia_scale": 4.0}, 4
+        {"goes back after the abort": rolled_back, **AFTER_A_CHANGE}, (), ArmChange(4, {"inertia_scale": 4.0})
     ),
 }
 
 
-def practise(name: str, overrides: Sequence[str]) -> Run:
-    """Run a scenario."""
+def run_scenario(name: str, overrides: Sequence[str]) -> Run:
+    """Practise as a scenario says."""
     scenario = SCENARIOS[name]
     config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
+    trials, ending = practise(config, scenario.change)
     path, arm = load_path(config.path, config.arm), config.arm
-    later = dataclasses.replace(config.sim, **scenario.later)  # type: ignore[arg-type]
-    with OfflinePractice(config, path, new_network(config)) as practice:
-
-        def change_arm(plan: PlannedTrial) -> None:
-            if plan.index == scenario.later_from:
-                practice.arm.replace_arm(later)
-
-        trials = [record(practised) for practised in practice.run(before_trial=change_arm)]
-        assert practice.ending is not None
-        fastest_s = duration_at_effort_share(
-            arm, ExactInverseDynamics(config, later), path, 1.0, fastest_by_speed_s(arm, path, 1.0)
-        )
-        return Run(config, trials, practice.ending, scenario.later_from, fastest_s)
+    last_arm = ExactInverseDynamics(config, scenario.change.of(config) if scenario.change else config.sim)
+    fastest_s = duration_at_effort_share(arm, last_arm, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
+    return Run(config, [record(trial) for trial in trials], ending, scenario.change, fastest_s)
 
 
 COLUMNS: list[Column[tuple[int, TrialRecord]]] = [
@@ -230,15 +224,12 @@ def _network(went_back_to: int | None) -> str:
 def section(name: str, run: Run) -> tuple[str, list[bool]]:
     """Return the part of the page about a scenario, and which of its targets are met."""
     scenario = SCENARIOS[name]
-    judged = {wanted: target(run) for wanted, target in scenario.targets.items()}
-    verdicts = "\n".join(
-        f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
-        for wanted, (found, met) in judged.items()
-    )
+    judged = [(wanted, *target(run)) for wanted, target in scenario.targets.items()]
+    verdicts = "\n".join(verdict(met, wanted, found) for wanted, found, met in judged)
     changes = " ".join(f"`{text}`" for text in scenario.overrides) or "As configured"
-    if scenario.later:
-        values = " ".join(f"`sim.{key}={value:g}`" for key, value in scenario.later.items())
-        changes += f"; from trial {scenario.later_from} on {values}"
+    if scenario.change:
+        values = " ".join(f"`sim.{key}={value:g}`" for key, value in scenario.change.sim.items())
+        changes += f"; from trial {scenario.change.at_trial} on {values}"
     text = f"""## {name}
 
 {changes}. {run.ending.outcome.capitalize()}: {run.ending.message or "no message"}.
@@ -247,7 +238,7 @@ def section(name: str, run: Run) -> tuple[str, list[bool]]:
 
 {verdicts}
 """
-    return text, [met for _, met in judged.values()]
+    return text, [met for _, _, met in judged]
 
 
 @study()
@@ -259,7 +250,7 @@ def adaptive(options: StudyOptions) -> None:
     names = options.selected(list(SCENARIOS))[: 1 if options.quick else None]
     sections, met = [], []
     for name, run in zip(
-        names, options.results(practise, {name: (name, options.overrides) for name in names}), strict=True
+        names, options.results(run_scenario, {name: (name, options.overrides) for name in names}), strict=True
     ):
         text, found = section(name, run)
         click.echo(text)

@@ -10,15 +10,13 @@ import click
 import numpy as np
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflinePractice, PractisedTrial
+from tel_lab.offline import PractisedTrial
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_lab.trial_record import duration_at_effort_share, fastest_by_speed_s
+from tel_lab.trial_record import duration_at_effort_share, fastest_by_speed_s, practise, verdict
 from tel_ros.core.config import Config
-from tel_ros.core.practice.decisions import Ending
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 CONFIGS = ROOT / "config"
@@ -73,14 +71,6 @@ def worst_joint_mrad(trial: PractisedTrial) -> float:
     return 1e3 * float(np.max(trial.trial.report.rms_error_per_joint_rad))
 
 
-def practise(config: Config) -> tuple[list[PractisedTrial], Ending]:
-    """Run what a configuration asks for."""
-    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
-        trials = practice.run()
-        assert practice.ending is not None
-        return trials, practice.ending
-
-
 def schedule(config: Config, repeats: int) -> str:
     """Return durations even in torque, then repeats of the goal, as an option."""
     first_s, goal_s = config.practice.first_duration_s, config.practice.goal_duration_s
@@ -125,52 +115,6 @@ def table(runs: dict[str, Practised]) -> str:
     return Table(columns, range(len(longest))).markdown()
 
 
-def verdict(met: bool, wanted: str, found: str) -> str:
-    """Return a judged target as a line of a list."""
-    return f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
-
-
-def model_free_verdicts(run: Practised, without_mrad: float) -> list[str]:
-    """Judge a run without a model by the error with nothing learned."""
-    first, last = rms_mrad(run.first), rms_mrad(run.last)
-    return [
-        verdict(
-            first <= without_mrad / 30,
-            "first trial at goal speed at most 1/30 of the unlearned error",
-            f"{first:.2f} mrad, 1/{without_mrad / first:.0f}",
-        ),
-        verdict(
-            last <= without_mrad / 100,
-            f"at most 1/100 after {run.repeats} repeats",
-            f"{last:.2f} mrad, 1/{without_mrad / last:.0f}",
-        ),
-    ]
-
-
-def rigid_body_verdicts(run: Practised) -> list[str]:
-    """Judge a run with the rigid-body learner by each joint."""
-    first, last = worst_joint_mrad(run.first), worst_joint_mrad(run.last)
-    return [
-        verdict(
-            first <= 3.0,
-            "rigid body: at most 3 mrad a joint in the first trial at goal speed",
-            f"{first:.2f} mrad",
-        ),
-        verdict(
-            last <= 1.0, f"rigid body: at most 1 mrad a joint after {run.repeats} repeats", f"{last:.2f} mrad"
-        ),
-    ]
-
-
-def friction_verdict(run: Practised) -> str:
-    """Judge a run with dry friction by each joint."""
-    first, last = worst_joint_mrad(run.first), worst_joint_mrad(run.last)
-    met = max(first, last) <= 3.0
-    return verdict(
-        met, "rigid body, with dry friction: at most 3 mrad a joint", f"{first:.2f}, then {last:.2f} mrad"
-    )
-
-
 def seven_joints(file: str) -> tuple[str, list[str]]:
     """Return table and verdicts of an arm under gravity."""
     start = unlearned(file)
@@ -181,19 +125,34 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
         file, RIGID_BODY_REPEATS, "learning.name=rigid_body", f"sim.coulomb_friction_nm={friction_nm}"
     )
     runs = {"model-free": free, "rigid body": rigid, "rigid body, dry friction": rough}
-    verdicts = [
-        *model_free_verdicts(free, rms_mrad(start)),
-        *rigid_body_verdicts(rigid),
-        friction_verdict(rough),
-        *(
-            verdict(run.within_limits, f"{name}: no abort, nothing clipped, no joint out of its range",
-                    "so" if run.within_limits else "not so")
-            for name, run in runs.items()
+    without, first, last = rms_mrad(start), rms_mrad(free.first), rms_mrad(free.last)
+    one, more = worst_joint_mrad(rigid.first), worst_joint_mrad(rigid.last)
+    rubbed = worst_joint_mrad(rough.first), worst_joint_mrad(rough.last)
+    judged = [
+        (
+            first <= without / 30,
+            "first trial at goal speed at most 1/30 of the unlearned error",
+            f"{first:.2f} mrad, 1/{without / first:.0f}",
         ),
-    ]  # fmt: skip
+        (
+            last <= without / 100,
+            f"at most 1/100 after {free.repeats} repeats",
+            f"{last:.2f} mrad, 1/{without / last:.0f}",
+        ),
+    ]
+    wanted = "rigid body: at most 3 mrad a joint in the first trial at goal speed"
+    judged.append((one <= 3.0, wanted, f"{one:.2f} mrad"))
+    wanted = f"rigid body: at most 1 mrad a joint after {rigid.repeats} repeats"
+    judged.append((more <= 1.0, wanted, f"{more:.2f} mrad"))
+    wanted = "rigid body, with dry friction: at most 3 mrad a joint"
+    judged.append((max(rubbed) <= 3.0, wanted, f"{rubbed[0]:.2f}, then {rubbed[1]:.2f} mrad"))
+    for name, run in runs.items():
+        within = run.within_limits
+        wanted = f"{name}: no abort, nothing clipped, no joint out of its range"
+        judged.append((within, wanted, "so" if within else "not so"))
     head = f"Unlearned at the goal speed, without speed limits: {rms_mrad(start):.2f} mrad RMS "
     head += f"({worst_joint_mrad(start):.2f}), {start.trial.report.outcome.name.lower()}."
-    return f"{head}\n\n{table(runs)}", verdicts
+    return f"{head}\n\n{table(runs)}", [verdict(*each) for each in judged]
 
 
 def planar(file: str) -> tuple[str, list[str]]:

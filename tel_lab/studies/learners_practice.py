@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
-
 import click
 
-from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflinePractice, PractisedTrial
+from tel_lab.offline import PractisedTrial
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import of_texts
+from tel_lab.trial_record import ArmChange, practise
 from tel_lab.workers import Failure
-from tel_ros.core.config import Config, SimConfig
-from tel_ros.core.practice.decisions import PlannedTrial
 from tel_ros.core.practice.strategy import make_strategy
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
-from tel_ros.recording.waypoint_file import load_path
 
 CONFIG = ROOT / "config" / "paper.yaml"
 LEARNERS: dict[str, tuple[str, ...]] = {
@@ -35,52 +28,24 @@ LEARNERS: dict[str, tuple[str, ...]] = {
 EXACT = "exact model"
 
 
-@dataclasses.dataclass(frozen=True)
-class Scenario:
-    """An arm to practise with.
-
-    Args:
-        overrides: what is changed in the configuration.
-        later: what is changed in ``sim`` between two trials.
-        later_from: index of the first trial with that change.
-    """
-
-    overrides: tuple[str, ...] = ()
-    later: dict[str, float] = dataclasses.field(default_factory=dict)
-    later_from: int = 0
-
-
-ARMS = {
-    "16-bit encoder": Scenario(),
-    "0.1 mrad noise, 2 ms delay": Scenario(("sim.position_noise_rad=1e-4", "sim.command_delay_s=2e-3")),
-    "1 mrad noise": Scenario(("sim.position_noise_rad=1e-3",)),
-    "dry friction 0.3 N·m, 0.5 kg in the hand from trial 9": Scenario(
-        ("sim.coulomb_friction_nm=[0.3, 0.3]",), later={"payload_kg": 0.5}, later_from=9
+ARMS: dict[str, tuple[tuple[str, ...], ArmChange | None]] = {
+    "16-bit encoder": ((), None),
+    "0.1 mrad noise, 2 ms delay": (("sim.position_noise_rad=1e-4", "sim.command_delay_s=2e-3"), None),
+    "1 mrad noise": (("sim.position_noise_rad=1e-3",), None),
+    "dry friction 0.3 N·m, 0.5 kg in the hand from trial 9": (
+        ("sim.coulomb_friction_nm=[0.3, 0.3]",),
+        ArmChange(9, {"payload_kg": 0.5}),
     ),
 }
+"""What is changed in the configuration, and what on the way."""
 
 
-def practise(overrides: tuple[str, ...], arm: str, learner: str) -> list[str]:
-    """Run all trials; return the RMS error in mrad of each, or "abort"."""
-    scenario = ARMS[arm]
-    config = load_config(CONFIG, [*overrides, *scenario.overrides, *LEARNERS.get(learner, ())])
-
-    def make_learner(config: Config, sim: SimConfig) -> Any:
-        return ExactInverseDynamics(config, sim) if learner == EXACT else new_network(config)
-
-    with OfflinePractice(
-        config, load_path(config.path, config.arm), make_learner(config, config.sim)
-    ) as practice:
-
-        def change_arm(plan: PlannedTrial) -> None:
-            if plan.index != scenario.later_from:
-                return
-            sim = dataclasses.replace(config.sim, **scenario.later)  # type: ignore[arg-type]
-            practice.arm.replace_arm(sim)
-            if learner == EXACT:
-                practice.learner = make_learner(config, sim)
-
-        return [cell(practised) for practised in practice.run(before_trial=change_arm)]
+def rms_of_trials(overrides: tuple[str, ...], arm: str, learner: str) -> list[str]:
+    """Practise; return the RMS error in mrad of each trial, or "abort"."""
+    arm_overrides, change = ARMS[arm]
+    config = load_config(CONFIG, [*overrides, *arm_overrides, *LEARNERS.get(learner, ())])
+    trials, _ = practise(config, change, exact=learner == EXACT)
+    return [cell(practised) for practised in trials]
 
 
 def cell(practised: PractisedTrial) -> str:
@@ -104,7 +69,7 @@ def learners_practice(options: StudyOptions) -> None:
     arms = list(ARMS)[: 1 if options.quick else None]
     tasks = {f"{arm}, {learner}": (protocol, arm, learner) for arm in arms for learner in learners}
     rows = [["", "duration [s]", *(f"{trial.duration_s:.1f}" for trial in preview)]]
-    for name, found in options.run(practise, tasks):
+    for name, found in options.run(rms_of_trials, tasks):
         _, arm, learner = tasks[name]
         if isinstance(found, Failure):
             click.echo(f"{name}: {found.message}", err=True)

@@ -15,16 +15,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflinePractice
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table, of_texts
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
+from tel_lab.trial_record import practise
 from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.signals import configured_samples
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
-from tel_ros.recording.waypoint_file import load_path
 
 TOLERANCE_RAD = 0.005
 
@@ -80,9 +80,8 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
     """Practise and estimate; trials that nothing was learned from are left out."""
     run = RUNS[name]
     config = load_config(ROOT / "config" / run.config, [*run.overrides, *overrides])
-    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
-        before = practice.learner
-        done = practice.run()
+    before: Learner = new_network(config)
+    done, _ = practise(config)
     exact = ExactInverseDynamics(config, config.sim)
     units, training = before.context.input_range, config.learning.training
     fitted, true = TheoryMonitor(units, training), TheoryMonitor(units, training, exact.predict)

@@ -6,7 +6,7 @@ that y would have needed. P is the plant, x = (q, q̇) the state, so that P(x) u
     R u  = u - N(y)    command error, what is to vanish; u is not known on an arm
     R̂ û = û - N(ŷ)    training error, what the network is trained with; always known
 
-‖ ‖ is :func:`~.lipschitz.size`. Inputs of the network are measured in units of their range, which covers
+‖ ‖ is :func:`~.plant.size`. Inputs of the network are measured in units of their range, which covers
 the goal movement (see :class:`~tel_ros.core.learning.inputs.InputRange`): k_N in rad a unit, k_u in units a
 rad, k_x has none.
 """
@@ -18,8 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tel_lab.theory.lipschitz import Function, size, slopes, steepest
-from tel_lab.theory.plant import FittedPlant, PlantSlopes
+from tel_lab.theory.plant import FittedPlant, Function, PlantSlopes, size, slopes, steepest
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, TrainingMode

@@ -43,6 +43,7 @@ def main() -> None:
     tel check my_arm.yaml               is the arm what its configuration says? before it moves far
     tel compare planar_arm              other methods beside it: one table, one figure
     tel sweep planar_arm …              many practice runs over grids of values, one table
+    tel study NAME                      the tables and figures of the documentation, made again
 
     \b
     tel bag info bags/RUN               what bags hold, and whether they are whole
