@@ -1,10 +1,14 @@
-"""The command ``tel view``, and the option ``--view`` of ``tel practice``. Neither viser nor ROS at once."""
+"""``tel view``, and ``--view`` of ``tel practice``; viser and ROS are imported when they are needed."""
 
 from __future__ import annotations
 
 import secrets
 import signal
+import subprocess
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,10 +16,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from tel_ros.app.bring_up import die_with_parent, kill_tree
 from tel_ros.app.config_argument import config_argument, namespace_option
-from tel_ros.app.errors import EXIT_BAD_INPUT, end
 from tel_ros.app.view.gate import ViewError
-from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 
 if TYPE_CHECKING:
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 
 _NEEDED = ("viser", "yourdfpy")
 _TOKEN_BYTES = 24
+_MODULE = "tel_ros.app.view.main"
+_END_TIMEOUT_S = 3.0
 
 view_option = click.option(
     "--view/--no-view", "with_view", default=False, help="Show the run in the browser; prints a link."
@@ -30,38 +35,83 @@ view_option = click.option(
 
 
 def require_view() -> None:
-    """Make sure that the extra ``view`` is installed.
-
-    Raises:
-        ViewError: it is not; the message says how to install it.
-    """
+    """Raise :class:`ViewError` if the extra ``view`` is not installed."""
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
         raise ViewError(f"the live view needs {', '.join(missing)}: pip install 'tel_ros[view]'")
 
 
-def new_token() -> str:
+def _new_token() -> str:
     """Return a secret that nobody can guess."""
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Beside:
-    """Return what goes on beside a practice run: the live view, or nothing.
+    """Return what runs beside a practice run: the live view, or nothing.
 
     Raises:
         ViewError: the extra ``view`` is not installed.
     """
-    from tel_ros.app.practice import nothing_beside  # late: the command line needs no ROS to give its help
+    from tel_ros.app.practice import nothing_beside  # imported late: `tel --help` needs no ROS
 
     if not with_view:
         return nothing_beside
     require_view()
-    from tel_ros.app.view.companion import ViewProcess
 
     def tell(line: str) -> None:
         console.print(f"view    {line}", highlight=False, soft_wrap=True, markup=False)
 
-    return lambda config_file, log_folder: ViewProcess(config_file, log_folder, new_token(), tell, namespace)
+    return lambda config_file, log_folder: view_process(
+        config_file, log_folder, _new_token(), tell, namespace
+    )
+
+
+@contextmanager
+def view_process(
+    config_file: Path, log_folder: Path, token: str, tell: Callable[[str], None], namespace: str = "/"
+) -> Iterator[None]:
+    """Run the view as a process beside a practice run, which neither waits for it nor needs it.
+
+    It gets SIGTERM from the kernel if this process dies.
+
+    Args:
+        config_file: of the run.
+        log_folder: gets ``view.log``.
+        token: the secret in the link.
+        tell: called, from another thread, with the link, or with why there is none.
+        namespace: of the graph.
+    """
+    log_folder.mkdir(parents=True, exist_ok=True)
+    with (log_folder / "view.log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", _MODULE, str(config_file), "0", namespace],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+            start_new_session=True,  # Ctrl-C reaches the supervisor only
+            preexec_fn=die_with_parent,
+        )
+    with suppress(OSError):  # it may have died already
+        # Shorter than a pipe's buffer, so this does not wait.
+        process.stdin.write(f"{token}\n")
+        process.stdin.close()
+
+    def listen() -> None:
+        for line in process.stdout:
+            tell(line.strip())
+
+    threading.Thread(target=listen, daemon=True).start()
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                kill_tree(process.pid)
+                process.wait()
 
 
 @click.command()
@@ -72,27 +122,24 @@ def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Besid
 @namespace_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page. Default: any free one.")
 def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: int) -> None:
-    """Show a graph that is running, in the browser: a simulated or a real arm.
+    """Show a running graph in the browser: a simulated or a real arm.
 
     CONFIG is the configuration of the run, or run.yaml in its folder. The page is at the link that is
-    printed, on this computer alone. Ctrl-C ends the view; the graph goes on.
+    printed, on this computer only. Ctrl-C ends the view; the graph keeps running.
     """
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stopping.append(number))
-    try:
-        require_view()
-        from tel_ros.app.view.main import be_modest, watch
+    require_view()
+    from tel_ros.app.view.main import be_modest, watch
 
-        be_modest()
-        out = Console(file=sys.stdout)  # kept: what viser prints goes elsewhere
-        watch(
-            load_config(config_file, overrides),
-            new_token(),
-            port,
-            lambda link: out.print(f"view    {link}", highlight=False, soft_wrap=True, markup=False),
-            lambda: bool(stopping),
-            namespace,
-        )
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
+    be_modest()
+    out = sys.stdout  # kept: what viser prints goes elsewhere
+    watch(
+        load_config(config_file, overrides),
+        _new_token(),
+        port,
+        lambda link: click.echo(f"view    {link}", file=out),
+        lambda: bool(stopping),
+        namespace,
+    )

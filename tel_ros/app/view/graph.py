@@ -1,4 +1,4 @@
-"""The live view's ears and mouth in the graph: it samples what is published, and asks for stops."""
+"""What the live view hears from the graph, and the services that its buttons call."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _USE_THE_OTHER = "use the emergency stop by wire"
 
 
 class GraphView:
-    """Hears best effort, and of the fast topics only the newest message each time that it looks.
+    """Subscribes best effort, and takes only the newest message of the fast topics, when it looks.
 
-    It has no publisher at all. Services are asked from any thread, at once.
+    It has no publisher. Services can be called from any thread; nobody waits for their answers.
 
     Args:
-        node: to hear with; its owner spins it.
+        node: its owner spins it.
         config: of the run.
         on_goal: called with the goal of each trial that begins.
         on_feedback: called with each message about the progress of the run.
@@ -60,7 +60,7 @@ class GraphView:
         """The newest state of the controller."""
         self.stopped = self.paused = False
         self.answer, self.alarm = "", False
-        """The last answer to something that was asked, and whether it is bad news."""
+        """The last answer of a service, and whether it is bad news."""
         self._arm_at = -np.inf
         self._asked: list[tuple[str, bool, float, Any]] = []
         self._arm_states, self._control_states = (
@@ -73,7 +73,7 @@ class GraphView:
         node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
         node.create_subscription(Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED)
         node.create_subscription(Bool, topics.PAUSED, self._on_paused, qos.LATCHED)
-        # What an action tells its client is a topic that anybody may hear.
+        # The feedback of an action is a topic like any other.
         node.create_subscription(
             Practice.Impl.FeedbackMessage,
             f"{topics.PRACTICE}/_action/feedback",

@@ -1,24 +1,62 @@
-"""What there is to see of one trial while it goes on."""
+"""What is seen of the trials while the view is open."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from tel_ros.app.view.grid_series import GridSeries
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.core.types import FloatArray
 
+N_CELLS = 240
+"""As many as a small plot can show."""
 PATH_POINTS = 200
-"""Of a path that is drawn: more cannot be told apart on a screen."""
+"""Of a path that is drawn."""
 MEASURED_POINTS = 400
-"""At most, of the measured path in the time of the movement: it may shake."""
+"""At most, of the measured path, which may shake."""
 GAP_SHARE = 0.1
-"""Points that are further apart than this share of the duration have nothing drawn between them."""
+"""Points further apart than this share of the duration are not connected."""
 HOLD_SHARE = 0.1
-"""How much of the hold is plotted behind the movement, as a share of its duration."""
+"""How much of the hold is plotted after the movement, as a share of its duration."""
+KEPT_PATHS = 8
+"""Earlier paths that are drawn; more would hide each other."""
+
+
+class GridSeries:
+    """Values over time on a grid from 0 to ``end_s``; each cell keeps the value of largest magnitude."""
+
+    def __init__(self, n_joints: int, end_s: float, n_cells: int = N_CELLS) -> None:
+        self._cell_s = end_s / n_cells
+        self.time_s: FloatArray = (np.arange(n_cells) + 0.5) * self._cell_s
+        """Middle of each cell. Shape (n_cells,)."""
+        self.values: FloatArray = np.full((n_cells, n_joints), np.nan)
+        """NaN where nothing has come. Shape (n_cells, n_joints)."""
+
+    def add(self, time_s: float, values: FloatArray) -> None:
+        """Take in values of shape (n_joints,) at a time; outside the grid they are left out."""
+        cell = int(time_s // self._cell_s) if np.isfinite(time_s) else -1
+        if not 0 <= cell < len(self.values):
+            return
+        there = self.values[cell]
+        self.values[cell] = np.where(np.abs(there) >= np.abs(values), there, values)
+
+
+def magnitude(values: FloatArray) -> float:
+    """Return the largest magnitude of those values that are finite; 0 if none is."""
+    finite = values[np.isfinite(values)]
+    return float(np.abs(finite).max()) if len(finite) else 0.0
+
+
+def round_up(value: float) -> float:
+    """Return the next of 1, 2.5, 5 or 10 times a power of ten, so that an axis seldom changes; 1 for 0."""
+    if value <= 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1.0, 2.5, 5.0, 10.0) if step * power >= value)
 
 
 @dataclass(frozen=True)
@@ -35,7 +73,7 @@ class Sample:
 
 
 class LiveTrial:
-    """Gathers the samples of one trial: where the hand has been, and what is plotted over time.
+    """Gathers the samples of one trial: the path of the hand, and what is plotted over time.
 
     Args:
         goal: what the trial is to do.
@@ -57,7 +95,7 @@ class LiveTrial:
         self.desired_m = chain.hand_positions(goal.desired.position_rad[drawn])
         """Where the hand should go. Shape (n, 3)."""
         self.equilibrium_m = chain.hand_positions(goal.equilibrium_rad[drawn])
-        """Where the springs pull it. Shape (n, 3)."""
+        """Where the springs pull the hand. Shape (n, 3)."""
         time_s, cells = goal.desired.time_ns / 1e9, self.error_rad.time_s
 
         def on_grid(values: FloatArray) -> FloatArray:
@@ -68,7 +106,7 @@ class LiveTrial:
         """Over the times of the grids. Shape (n_cells, n_joints)."""
         known = std_rad.shape == goal.equilibrium_rad.shape and bool(np.isfinite(std_rad).all())
         self.std_rad = on_grid(std_rad) if known else np.full_like(self.desired_speed_rad_s, np.nan)
-        """Of the error in û, which the error of the motion is compared with; NaN: nothing is known yet."""
+        """Of the error in û; NaN where nothing is known yet."""
         self.is_std_known = known
         self._path_rad: list[FloatArray] = []
         self._gaps: list[int] = []
@@ -82,7 +120,7 @@ class LiveTrial:
         return np.insert(self._chain.hand_positions(np.array(self._path_rad)), self._gaps, np.nan, axis=0)
 
     def see(self, sample: Sample) -> None:
-        """Take in a sample of this trial; what is not of its movement is left out."""
+        """Take in a sample; those of other trials and from before the movement are left out."""
         if sample.trial != self.index or sample.time_from_start_s < 0.0:
             return
         time_s = sample.time_from_start_s
@@ -106,3 +144,39 @@ class LiveTrial:
 def thinned(n: int) -> FloatArray:
     """Return which of n points to draw, the first and the last among them."""
     return np.unique(np.linspace(0, n - 1, min(n, PATH_POINTS)).round().astype(int))
+
+
+@dataclass(frozen=True)
+class EndedTrial:
+    """One row of the table. ``outcome`` and ``reason`` come from outside and may hold anything."""
+
+    index: int
+    alpha: float
+    duration_s: float
+    rms_error_rad: float
+    max_error_rad: float
+    outcome: str
+    reason: str = ""
+
+
+class History:
+    """The trials of this run that ended while the view was open."""
+
+    def __init__(self) -> None:
+        self.trials: list[EndedTrial] = []
+        self.paths: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT_PATHS)
+        """Number of the trial and positions of the hand [m], shape (n, 3), NaN in gaps; oldest first."""
+
+    def end(self, ended: EndedTrial, live: LiveTrial | None) -> None:
+        """Take in a trial that has ended, and what was seen of it.
+
+        A number that was there before begins a new run; a row equal to the last one is a repetition.
+        """
+        if self.trials and ended == self.trials[-1]:
+            return
+        if self.trials and ended.index <= self.trials[-1].index:
+            self.trials.clear()
+            self.paths.clear()
+        self.trials.append(ended)
+        if live is not None and live.index == ended.index and len(live.hand_m) > 1:
+            self.paths.append((ended.index, live.hand_m))

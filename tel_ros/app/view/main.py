@@ -18,13 +18,12 @@ from rclpy.signals import SignalHandlerOptions
 from tel_interfaces.action import Practice
 from tel_interfaces.msg import TrialGoal
 
+from tel_ros.app.plane import viewpoint
 from tel_ros.app.view.graph import GraphView
-from tel_ros.app.view.history import EndedTrial, History
-from tel_ros.app.view.live_trial import LiveTrial
+from tel_ros.app.view.live_trial import EndedTrial, History, LiveTrial
 from tel_ros.app.view.page import Page
 from tel_ros.app.view.server import OwnersServer
-from tel_ros.app.view.status import Status
-from tel_ros.app.view.viewpoint import viewpoint
+from tel_ros.app.view.words import Status
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.core.trial import Outcome, Phase
@@ -37,13 +36,13 @@ from tel_ros.recording.waypoint_file import load_path
 ARM_RATE_HZ = 20.0
 """How often the arm is looked at and drawn."""
 LOCKSTEP_RATE_HZ = 100.0
-"""How often the controller is looked at in lockstep, where a movement is over in a second or two.
+"""How often the controller is looked at in lockstep, where a movement takes a second or two.
 
-In real time each picture has what is to be seen, and five times as many looks would cost the loop.
+In real time once a picture is enough, and five times as many looks would cost the control loop time.
 """
 _NICENESS = 10
 _WORDS_EVERY = 4
-"""Words and plots change with every fourth picture."""
+"""Words and plots change with every fourth picture only."""
 
 
 class LiveView:
@@ -51,12 +50,12 @@ class LiveView:
 
     Args:
         config: of the run that is watched.
-        node: to hear with; its owner spins it.
+        node: its owner spins it.
         token: the secret in the link.
         port: of the page; 0: any that is free.
 
     Raises:
-        TelError: the arm or its path cannot be drawn, or the server not be opened safely.
+        TelError: the arm or its path cannot be drawn, or the server cannot be opened safely.
     """
 
     def __init__(self, config: Config, node: Node, token: str, port: int) -> None:
@@ -168,7 +167,7 @@ def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 
 def be_modest() -> None:
-    """Leave the processor to whoever has an arm to move."""
+    """Leave the processor to the nodes that move the arm."""
     os.nice(_NICENESS)
 
 
@@ -180,7 +179,7 @@ def watch(
     ended: Callable[[], bool],
     namespace: str = "/",
 ) -> None:
-    """Show a graph until it is enough.
+    """Show a graph until ``ended`` returns true.
 
     Args:
         config: of the run that is watched.
@@ -200,7 +199,7 @@ def watch(
             look_s = 1.0 / (LOCKSTEP_RATE_HZ if config.arm_waits_for_commands else ARM_RATE_HZ)
             next_look = next_picture = time.monotonic()
             while not ended():
-                # From now on, not from when it was due: a view that is late does not hurry.
+                # Counted from now: a view that is late does not hurry.
                 now = time.monotonic()
                 if now >= next_look:
                     view.follow()

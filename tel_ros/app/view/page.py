@@ -13,12 +13,10 @@ import yourdfpy
 from viser import uplot
 from viser.extras import ViserUrdf
 
+from tel_ros.app.plane import Viewpoint
 from tel_ros.app.view.gate import ViewError
-from tel_ros.app.view.grid_series import magnitude, round_up
-from tel_ros.app.view.history import History
-from tel_ros.app.view.live_trial import LiveTrial
-from tel_ros.app.view.status import Status, status_html
-from tel_ros.app.view.viewpoint import Viewpoint
+from tel_ros.app.view.live_trial import History, LiveTrial, magnitude, round_up
+from tel_ros.app.view.words import Status, status_html, trials_html
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.types import FloatArray
@@ -30,7 +28,7 @@ _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
 _PLOT_ASPECT = 3.2
 _ROOM = 1.2
-"""Of a plot beyond its last label, so that this is not cut off."""
+"""Range of a plot over its last label, so that the label is not cut off."""
 _LABEL_SPACE_PX = 16
 """Between labels of the vertical axes: small plots have room for three."""
 _INSET = "padding:0 10px"
@@ -55,11 +53,11 @@ class Controls(Protocol):
 
 
 class Page:
-    """What all browsers see that have it open; none of them is needed.
+    """What every browser sees that has the page open.
 
     Args:
         server: that shows it.
-        arm: which joints and which URDF.
+        arm: its joints and its URDF.
         view: where to look from at first.
         controls: what the buttons do.
 
@@ -90,7 +88,7 @@ class Page:
         self._arm.at(position_rad)
 
     def show_ghost(self, position_rad: FloatArray) -> None:
-        """Show where it should be; an empty array: nowhere."""
+        """Show where the arm should be; with an empty array, nothing."""
         self._ghost_frame.visible = bool(len(position_rad))
         if len(position_rad):
             self._ghost.at(position_rad)
@@ -113,8 +111,8 @@ class Page:
         self._plot("effort", time_s, *(100.0 * trial.effort_share.values.T), full, -full)
 
     def show_history(self, history: History) -> None:
-        """Show the trials that have ended: the table, and the paths, the paler the older."""
-        table = history.table()
+        """Show the trials that have ended: a table, and their paths, older ones paler."""
+        table = trials_html(history.trials)
         if table == self._tabled:
             return
         self._tabled = table
@@ -128,7 +126,7 @@ class Page:
             self._earlier.append(self._line(f"trial_{index}", colour, 2.0, segments(hand_m)))
 
     def show_status(self, status: Status) -> None:
-        """Show what is known at a moment in words, and which buttons make sense."""
+        """Show the status in words, and enable the buttons that make sense."""
         self._bar.value = 100.0 * status.progress
         text = status_html(status)
         if text == self._said:
@@ -139,7 +137,7 @@ class Page:
         self._pause.visible, self._go_on.visible = not status.paused, status.paused
 
     def _plot(self, name: str, time_s: FloatArray, *series: FloatArray) -> None:
-        """Plot series over time, NaN where nothing is yet. NaN spoils uPlot's ranges: these are ours."""
+        """Plot series over time, NaN where nothing is known yet; with NaN, uPlot finds no ranges."""
         ends = (float(time_s[-1]), _ROOM * round_up(max(magnitude(values) for values in series)))
         if self._ranges.get(name) != ends:
             self._ranges[name] = ends
@@ -151,7 +149,7 @@ class Page:
         server.gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="large", brand_color=_ACTUAL
         )
-        # Reflections and shadows cost browsers without a graphics card most of their time.
+        # Without a graphics card, a browser would spend most of its time on reflections and shadows.
         server.scene.configure_environment_map(hdri=None)
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.add_light_ambient("/light/everywhere", intensity=4.0)
@@ -181,7 +179,7 @@ class Page:
             )
         except InputFileError:
             raise
-        except Exception as error:  # the loader raises whatever its readers of meshes raise
+        except Exception as error:  # its mesh readers raise anything
             raise ViewError(f"{arm.urdf} cannot be drawn: {error!r}") from error
 
     def _line(
@@ -250,7 +248,7 @@ class Page:
 
 
 class _Robot:
-    """A drawn arm that takes joint positions in the order of the configuration."""
+    """A drawn arm; takes joint positions in the order of the configuration."""
 
     def __init__(self, drawn: ViserUrdf, joints: Sequence[str]) -> None:
         names = list(drawn.get_actuated_joint_names())
@@ -277,8 +275,7 @@ def _inset(html: str) -> str:
 def segments(points_m: FloatArray) -> FloatArray:
     """Return the segments between points of shape (n, 3), none to or from NaN.
 
-    Returns:
-        Shape (n_segments, 2, 3), at least one: of none the page draws nothing.
+    Shape (n_segments, 2, 3); at least one: browsers draw nothing from an empty array.
     """
     segments = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]

@@ -18,10 +18,10 @@ if CHROMIUM is None:
 
 from test_live_trial import ended, moved, sample, status, trial  # noqa: E402
 
-from tel_ros.app.view.history import History  # noqa: E402
+from tel_ros.app.plane import viewpoint  # noqa: E402
+from tel_ros.app.view.live_trial import History  # noqa: E402
 from tel_ros.app.view.page import Page  # noqa: E402
 from tel_ros.app.view.server import OwnersServer  # noqa: E402
-from tel_ros.app.view.viewpoint import viewpoint  # noqa: E402
 from tel_ros.core.config import ArmConfig  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 

@@ -5,11 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.app.view.grid_series import GridSeries, magnitude, round_up
-from tel_ros.app.view.history import KEPT_PATHS, EndedTrial, History
-from tel_ros.app.view.live_trial import MEASURED_POINTS, PATH_POINTS, LiveTrial, Sample
-from tel_ros.app.view.status import Status, status_html
-from tel_ros.app.view.viewpoint import viewpoint
+from tel_ros.app.plane import viewpoint
+from tel_ros.app.view.live_trial import (
+    KEPT_PATHS,
+    MEASURED_POINTS,
+    PATH_POINTS,
+    EndedTrial,
+    GridSeries,
+    History,
+    LiveTrial,
+    Sample,
+    magnitude,
+    round_up,
+)
+from tel_ros.app.view.words import Status, status_html, trials_html
 from tel_ros.core.kinematics import ChainJoint, SerialChain
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import Phase, TrialGoal
@@ -148,7 +157,7 @@ def test_the_table_has_a_row_a_trial_and_the_newest_first() -> None:
     history = History()
     history.end(ended(1), None)
     history.end(ended(2, "aborted", "it left the corridor"), None)
-    table = history.table()
+    table = trials_html(history.trials)
     assert table.index("<td>2</td>") < table.index("<td>1</td>")
     assert "0.0123" in table
     assert "aborted" in table
@@ -191,10 +200,10 @@ def status(**changed: object) -> Status:
 def test_what_comes_from_outside_is_text_on_the_page_and_nothing_else() -> None:
     history = History()
     history.end(ended(1, SCRIPT, f'"{SCRIPT}'), None)
-    for html in (history.table(), status_html(status(stage=SCRIPT, answer=SCRIPT))):
+    for html in (trials_html(history.trials), status_html(status(stage=SCRIPT, answer=SCRIPT))):
         assert "<img" not in html
         assert "&lt;img" in html
-    assert 'title="&quot;&lt;img' in history.table()
+    assert 'title="&quot;&lt;img' in trials_html(history.trials)
 
 
 def test_a_number_of_trials_that_is_a_guess_is_said_to_be_one() -> None:

@@ -1,21 +1,54 @@
-"""What the page says in words."""
+"""What the page says in words, as HTML. Texts from outside may hold anything and are escaped."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from tel_ros.app.view.history import number
+from tel_ros.app.view.live_trial import EndedTrial
 from tel_ros.core.trial import Phase
 
 SILENCE_S = 1.0
-"""Without a joint state for this long, the picture is said to be old."""
+"""Without a joint state for this long, the page says that its picture is old."""
+_TABLE_STYLE = (
+    "<style>.tel{border-collapse:collapse;width:100%;font-size:12px;font-variant-numeric:tabular-nums}"
+    ".tel th,.tel td{text-align:right;padding:1px 5px}.tel th{font-weight:600;border-bottom:1px solid #8886}"
+    ".tel td:last-child{text-align:left;color:#777}</style>"
+)
+
+
+def trials_html(trials: Sequence[EndedTrial]) -> str:
+    """Return the table of the trials that have ended, the newest first."""
+    rows = "".join(map(_row, reversed(trials)))
+    if not rows:
+        return '<p data-testid="trials">No trial has ended since this page was opened.</p>'
+    head = "<tr><th>trial</th><th>α</th><th>time s</th><th>RMS rad</th><th>max rad</th><th></th></tr>"
+    return f'{_TABLE_STYLE}<table class="tel" data-testid="trials">{head}{rows}</table>'
+
+
+def _row(trial: EndedTrial) -> str:
+    note = trial.outcome if trial.outcome != "completed" else ""
+    cells = (
+        str(trial.index),
+        f"{trial.alpha:.3f}",
+        f"{trial.duration_s:.2f}",
+        number(trial.rms_error_rad, 4),
+        number(trial.max_error_rad, 3),
+        escape(note),
+    )
+    return f'<tr title="{escape(trial.reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
+
+
+def number(value: float, decimals: int) -> str:
+    """Return a number, or a dash if it is not known."""
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
 
 
 @dataclass(frozen=True)
 class Status:
-    """What is known at a moment. Texts may come from outside and hold anything."""
+    """What is known at a moment."""
 
     arm_age_s: float
     """Since the last joint state came; inf: none has."""
@@ -32,13 +65,13 @@ class Status:
     answer: str
     """The last answer to a button."""
     is_open_ended: bool = False
-    """Whether the strategy decides as it goes: how many trials it will be is a guess."""
+    """Whether the strategy decides as it goes, so that the number of trials is a guess."""
     alarm: bool = False
     """Whether that answer is bad news."""
 
 
 def status_html(status: Status) -> str:
-    """Return the status as HTML; what comes from outside is escaped."""
+    """Return the status of the run and of the arm."""
     lines = []
     if status.stopped:
         lines.append(_line("stopped", "EMERGENCY STOP: nothing moves before the reset", "#c92a2a"))
