@@ -108,7 +108,7 @@ class SimBridgeNode(Node):
             self._start_ns = self.get_clock().now().nanoseconds
             self.pace = _RealTime(self._period_s, self._pass_periods)
         self._publish()
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, "simulation", config.arm.name, self._health)
 
     def stop(self) -> None:
         """Wait for whoever commands the arm to bring it to rest."""

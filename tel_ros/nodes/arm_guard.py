@@ -57,7 +57,7 @@ class ArmGuardNode(Node):
             self._channel.open(self._guard.safety)
             self._listen()
         self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, "command watch", config.arm.name, self._health)
 
     def _listen(self) -> None:
         # Commands first: one that came with a state is heard before the guard judges whether one came.

@@ -42,13 +42,23 @@ class Diagnostics:
     """Publishes a node's health.
 
     Args:
-        node: the node; the status carries its name.
+        node: the node; the status is called ``node: task``, with the namespace in front.
+        task: what the node is for.
+        hardware: which arm; a robot monitor groups by it.
         health: asked ten times a second; a change of level or message is published at once.
         group: of the timer.
     """
 
-    def __init__(self, node: Node, health: Callable[[], Health], group: CallbackGroup | None = None) -> None:
-        self._node, self._health = node, health
+    def __init__(
+        self,
+        node: Node,
+        task: str,
+        hardware: str,
+        health: Callable[[], Health],
+        group: CallbackGroup | None = None,
+    ) -> None:
+        self._node, self._health, self._hardware = node, health, hardware
+        self._name = f"{node.get_fully_qualified_name().removeprefix('/')}: {task}"
         self._pub = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, _DEPTH)
         self._said: tuple[Level, str] | None = None
         self._next_at = 0.0
@@ -67,11 +77,13 @@ class Diagnostics:
         self._said, self._next_at = (health.level, health.message), now + PERIOD_S
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
-        values = [KeyValue(key=key, value=str(value)) for key, value in health.values.items()]
-        name = self._node.get_name()
         array.status = [
             DiagnosticStatus(
-                level=health.level.value, name=name, message=health.message, hardware_id="", values=values
+                level=health.level.value,
+                name=self._name,
+                message=health.message,
+                hardware_id=self._hardware,
+                values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
             )
         ]
         self._pub.publish(array)

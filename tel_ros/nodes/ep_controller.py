@@ -106,7 +106,7 @@ class EpControllerNode(ManagedNode):
             self._why_not_reset,
             lambda: self._controller.reset_stop(),
         )
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, "control loop", config.arm.name, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
         self.get_logger().info("waits to be configured and activated")

@@ -35,7 +35,7 @@ class InverseDynamicsNode(Node):
         self._joints = self._config.arm.joints
         self._doing, self._trouble, self._learned = "", "", "nothing yet"
         self._revision = revision(self._network)
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, "network", self._config.arm.name, self._health)
         self.create_service(PredictEquilibrium, topics.private(topics.PREDICT), self._predict)
         self.create_service(TrainOnTrials, topics.private(topics.TRAIN), self._train)
         self.create_service(SaveNetwork, topics.private(topics.SAVE), self._save)

@@ -53,7 +53,8 @@ class TrialRecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__("trial_recorder")
-        self._recording = load_parameters(self, "recording").recording
+        config = load_parameters(self, "recording")
+        self._recording = config.recording
         typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
         self._heard_at: dict[str, float] = {}
@@ -83,7 +84,7 @@ class TrialRecorderNode(Node):
             self._stop_recording,
             callback_group=self._group,
         )
-        self._diagnostics = Diagnostics(self, self._health, self._group)
+        self._diagnostics = Diagnostics(self, "recording", config.arm.name, self._health, self._group)
 
     def stop(self) -> None:
         """Do nothing: whoever has started a recording ends it, once the arm is at rest."""

@@ -23,7 +23,7 @@ def test_the_nodes_say_how_they_are_and_at_once_when_that_changes(graph: StartGr
     arrays: list[DiagnosticArray] = running.listen(DiagnosticArray, topics.DIAGNOSTICS)
 
     def newest(node: str) -> DiagnosticStatus | None:
-        found = [status for array in arrays for status in array.status if status.name == node]
+        found = [status for array in arrays for status in array.status if status.name.startswith(f"{node}: ")]
         return found[-1] if found else None
 
     def said(node: str, level: bytes, text: str) -> DiagnosticStatus:
@@ -40,6 +40,7 @@ def test_the_nodes_say_how_they_are_and_at_once_when_that_changes(graph: StartGr
     status = said("ep_controller", DiagnosticStatus.OK, "IDLE")
     values = {pair.key: pair.value for pair in status.values}
     assert values["lifecycle"] == "active"
+    assert (status.name, status.hardware_id) == ("ep_controller: control loop", "planar_arm")
     assert int(values["listeners_to_commands"]) >= 1
     said("sim_bridge", DiagnosticStatus.OK, "waits for commands")
     said("trial_recorder", DiagnosticStatus.OK, "waits for a trial")

@@ -138,7 +138,7 @@ def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed_or_hangs(
     health: list[DiagnosticArray] = running.listen(DiagnosticArray, topics.DIAGNOSTICS)
 
     def guard_says(level: bytes, text: str) -> bool:
-        said = [s for array in health[-10:] for s in array.status if s.name == "arm_guard"]
+        said = [s for array in health[-10:] for s in array.status if s.name == "arm_guard: command watch"]
         return bool(said) and said[-1].level == level and text in said[-1].message
 
     running.wait_for_controller()
