@@ -49,6 +49,10 @@ class ExactInverseDynamics:
         offset: FloatArray = (torque_nm + self._damping * v) / self._stiffness
         return offset
 
+    def std(self, inputs: FloatArray) -> FloatArray:
+        """Return zeros: the model is exact. Shape (n, n_joints)."""
+        return np.zeros((len(inputs), inputs.shape[1] // 3))
+
     def trained_on(
         self, samples: TrainingSamples, mode: TrainingMode
     ) -> tuple[ExactInverseDynamics, TrainingOutcome]:

@@ -9,7 +9,6 @@ recorded.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
@@ -19,64 +18,17 @@ from sim_bridge.arm import SimulatedArm
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.inputs import query_inputs, stack_inputs
-from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
-from tel_ros.core.learning.signals import TrialSignals, configured_samples, learning_record
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
-from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
-from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
-from tel_ros.core.practice.movement_path import command, desired_trajectory
-from tel_ros.core.practice.strategy import make_strategy
-from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
-from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
+from tel_ros.core.learning.inputs import stack_inputs
+from tel_ros.core.learning.learner import Learner
+from tel_ros.core.practice.feasibility import require_within_velocity_limits
+from tel_ros.core.practice.learner_network import LearnerNetwork
+from tel_ros.core.practice.session import CommandedTrial, PracticeSession, PractisedTrial
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, PlannedTrial, Strategy
+from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.trial import Tick, TrialGoal, TrialReport
-from tel_ros.core.types import BoolArray, FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class OfflineTrial:
-    """One trial; arrays have one row a tick, named and laid out as in a trial that is read from its bag.
-
-    Args:
-        report: how it went.
-        time_ns: stamps of the states that were answered. Shape (n,).
-        phase: numbers of :class:`~tel_ros.core.trial.Phase`. Shape (n,).
-        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
-        equilibrium_rad: û. Shape (n, n_joints).
-        position_rad: ŷ as measured. Shape (n, n_joints).
-        velocity_rad_s: as measured. Shape (n, n_joints).
-        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
-        saturated: whether the effort was clipped. Shape (n, n_joints).
-        springs: those of the trial, if they were not the configured ones.
-    """
-
-    report: TrialReport
-    time_ns: IntArray
-    phase: IntArray
-    desired: FloatArray
-    equilibrium_rad: FloatArray
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    effort_nm: FloatArray
-    saturated: BoolArray
-    springs: SpringChange | None = None
-
-    @property
-    def signals(self) -> TrialSignals:
-        """What the network learns from: the ticks from the start posture on."""
-        return learning_record(
-            time_ns=self.time_ns,
-            phase=self.phase,
-            desired=self.desired,
-            position_rad=self.position_rad,
-            equilibrium_rad=learned_equilibrium(
-                self.springs, self.equilibrium_rad, self.position_rad, self.velocity_rad_s
-            ),
-            saturated=self.saturated,
-        )
+from tel_ros.core.trial import Tick, Trial, TrialGoal, TrialReport
+from tel_ros.core.types import FloatArray
 
 
 class OfflineArm:
@@ -117,7 +69,7 @@ class OfflineArm:
         """The simulated arm of the moment, with its true state; only trials should move it."""
         return self._arm
 
-    def run_trial(self, goal: TrialGoal) -> OfflineTrial:
+    def run_trial(self, goal: TrialGoal) -> Trial:
         """Execute a trial from its first tick to its end, however it ends.
 
         Raises:
@@ -142,8 +94,13 @@ class OfflineArm:
             ticks.append(tick)
             arm.step(tick.command(self._config.arm.command_interface).tolist())
         assert controller.report is not None
-        change = SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None
-        return _trial(controller.report, states, ticks, change)
+        springs = SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None
+        return _trial(self._config.arm.joints, controller.report, states, ticks, springs)
+
+    def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Trial]:
+        """Execute a trial of a practice session."""
+        trial = self.run_trial(commanded.goal)
+        return trial.report, trial
 
     def replace_arm(self, sim: SimConfig) -> None:
         """Go on with another arm, as when a payload is put on between two trials.
@@ -175,25 +132,6 @@ class OfflineArm:
         return SimulatedArm(config.arm, sim, rate_hz=config.control.rate_hz, seed=config.seed + n_before)
 
 
-@dataclass(frozen=True)
-class PractisedTrial:
-    """One trial of a practice run and what was learned from it.
-
-    Args:
-        plan: what was to be tried.
-        goal: what the controller was asked to do.
-        trial: what was done.
-        learner: as it was after the trial.
-        training: what learning did; None if there was nothing to learn from.
-    """
-
-    plan: PlannedTrial
-    goal: TrialGoal
-    trial: OfflineTrial
-    learner: Learner
-    training: TrainingOutcome | None
-
-
 class OfflinePractice:
     """A practice run: predict, execute, learn, and so on. Use it with ``with``.
 
@@ -205,19 +143,18 @@ class OfflinePractice:
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
-        ConfigError: a value does not fit the URDF.
+        ConfigError: a value does not fit the URDF, or there is no such strategy.
     """
 
     def __init__(self, config: Config, path: Path, learner: Learner, known_path: Path | None = None) -> None:
-        self.learner = learner
-        """As it is after the last trial; may be replaced between trials."""
+        self._config, self._path, self._known_path = config, path, known_path
+        self._network = LearnerNetwork(config, learner)
         self.arm = OfflineArm(config)
+        self.session = PracticeSession(
+            config, path, known_path, make_strategy(config), self.arm, self._network
+        )
         self.ending: Ending | None = None
         """How the last call of :meth:`run` ended."""
-        self._config = config
-        self._path = path
-        self._known_path = known_path
-        self._learner_after = {0: learner}
 
     def __enter__(self) -> Self:
         """Return the practice."""
@@ -229,12 +166,21 @@ class OfflinePractice:
         """Close the arm."""
         self.arm.close()
 
+    @property
+    def learner(self) -> Learner:
+        """As it is after the last trial; may be replaced between trials."""
+        return self._network.learner
+
+    @learner.setter
+    def learner(self, learner: Learner) -> None:
+        self._network.learner = learner
+
     def run(
         self,
         strategy: Strategy | None = None,
         *,
         before_trial: Callable[[PlannedTrial], None] = lambda plan: None,
-    ) -> list[PractisedTrial]:
+    ) -> list[PractisedTrial[Trial]]:
         """Run all trials of a strategy.
 
         Args:
@@ -246,30 +192,19 @@ class OfflinePractice:
             TelError: whatever :meth:`run_trial` raises.
         """
         if strategy is None:
-            require_within_velocity_limits(self._config, self._path, self._known_path)
-            strategy = make_strategy(self._config)
-        done: list[PractisedTrial] = []
-        last: TrialReport | None = None
-        while isinstance(decision := strategy.next(last, self.forecast), PlannedTrial):
+            fastest = self.session.strategy.fastest_movements()
+            require_within_velocity_limits(self._config, fastest, self._path, self._known_path)
+        else:
+            self.session.strategy = strategy
+        done: list[PractisedTrial[Trial]] = []
+        while isinstance(decision := self.session.next(), PlannedTrial):
             before_trial(decision)
             done.append(self.run_trial(decision))
-            last = done[-1].trial.report
         self.ending = decision
         return done
 
-    def forecast(self, movement: Movement) -> Forecast:
-        """Return what the learner expects of a movement.
-
-        Raises:
-            ConfigError: its shape varies, and no path is known.
-        """
-        desired = forecast_trajectory(self._path, self._known_path, movement)
-        inputs = self._inputs(desired)
-        offset_rad, std_rad = self.learner.predict(inputs), std_along(self.learner, inputs)
-        return forecast_of(desired, offset_rad, std_rad, self._config.arm, movement)
-
-    def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
-        """Ask the learner for the commands, execute them and let it learn.
+    def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
+        """Ask the learner for the command, execute it and let the learner learn.
 
         Raises:
             ConfigError: the shape varies, and no path is known; nothing has moved.
@@ -277,44 +212,26 @@ class OfflinePractice:
             SimulationError: the simulation was closed, or is no longer finite.
             TrainingError: the trial cannot be learned from; the learner stays as it was.
         """
-        if plan.go_back_to is not None:
-            self.learner = self._learner_after[plan.go_back_to]
-        desired = desired_trajectory(
-            self._path, self._known_path, plan.movement, self._config.control.rate_hz
-        )
-        equilibrium_rad = desired.position_rad + self.learner.predict(self._inputs(desired))
-        asked = command(self._config.arm, plan.movement, desired, equilibrium_rad)
-        goal = TrialGoal(plan.index, plan.alpha, desired, asked.equilibrium_rad, asked.springs)
-        trial = self.arm.run_trial(goal)
-        report, on_abort = trial.report, self._config.practice.on_abort
-        learns = is_learned_from(report.outcome, report.run_ns > 0, on_abort)
-        training = self._learn(trial) if learns else None
-        self._learner_after[plan.index] = self.learner
-        return PractisedTrial(plan, goal, trial, self.learner, training)
+        return self.session.run_trial(plan)
 
-    def _inputs(self, desired: DesiredTrajectory) -> FloatArray:
-        return query_inputs(desired, 1.0 / self._config.control.rate_hz)
-
-    def _learn(self, trial: OfflineTrial) -> TrainingOutcome | None:
-        learning = self._config.learning
-        try:
-            samples = configured_samples(trial.signals, learning)
-            self.learner, training = self.learner.trained_on(samples, learning.training)
-        except TrainingError:
-            if has_to_teach(trial.report.outcome, self._config.practice.on_abort):
-                raise
-            return None
-        return training
+    def learner_after(self, index: int) -> Learner:
+        """Return the learner as it was after a trial that was learned from; 0: as the run began."""
+        return self._network.after[index]
 
 
 def _trial(
-    report: TrialReport, states: list[ArmState], ticks: list[Tick], springs: SpringChange | None
-) -> OfflineTrial:
+    joints: tuple[str, ...],
+    report: TrialReport,
+    states: list[ArmState],
+    ticks: list[Tick],
+    springs: SpringChange | None,
+) -> Trial:
     def column(name: str) -> FloatArray:
         return np.array([getattr(tick, name) for tick in ticks])
 
-    return OfflineTrial(
+    return Trial(
         report=report,
+        joints=joints,
         time_ns=np.array([state.time_ns for state in states], dtype=np.int64),
         phase=np.array([tick.phase for tick in ticks], dtype=np.int64),
         desired=stack_inputs(

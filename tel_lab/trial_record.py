@@ -12,13 +12,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflineArm, OfflinePractice, OfflineTrial, PractisedTrial
+from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_ros.core.config import ArmConfig, Config, SimConfig
 from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.practice.decisions import Ending, PlannedTrial
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import sample
-from tel_ros.core.trial import Outcome, Phase, TrialGoal, TrialReport
+from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal, TrialReport
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
@@ -45,7 +46,7 @@ class ArmChange:
 
 def practise(
     config: Config, change: ArmChange | None = None, *, exact: bool = False
-) -> tuple[list[PractisedTrial], Ending]:
+) -> tuple[list[PractisedTrial[Trial]], Ending]:
     """Run what a configuration asks for; return the trials and how it ended.
 
     Args:
@@ -102,7 +103,7 @@ class TrialRecord:
     message: str
 
 
-def record(practised: PractisedTrial) -> TrialRecord:
+def record(practised: PractisedTrial[Trial]) -> TrialRecord:
     """Return what is kept of a trial."""
     plan, report = practised.plan, practised.trial.report
     return TrialRecord(
@@ -118,7 +119,7 @@ def record(practised: PractisedTrial) -> TrialRecord:
     )
 
 
-def excursion_rad(trial: OfflineTrial) -> float:
+def excursion_rad(trial: Trial) -> float:
     """Return the largest deviation of a joint from its path in RUN and while braking after it.
 
     While it brakes, the deviation is that from where the arm should have been when the trial was stopped.

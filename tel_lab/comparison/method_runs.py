@@ -19,7 +19,8 @@ from tel_lab.random_path import random_smooth_path
 from tel_lab.workers import Failure, Workforce
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import ConfigError, TelError, TrainingError
-from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.learning.signals import learning_record
+from tel_ros.core.practice.strategy import Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
@@ -182,7 +183,7 @@ def _repeated(config: Config, method: Method, seed: int) -> _Achieved:
             trial = arm.run_trial(TrialGoal(index, 1.0, desired, method.command(desired)))
             trials.append(_result(trial.report))
             try:
-                method.learn(trial.signals, trial.report.outcome == Outcome.COMPLETED)
+                method.learn(learning_record(trial), trial.report.outcome == Outcome.COMPLETED)
             except TrainingError as error:
                 messages.append(f"trial {index} was not learned from: {error}")
         return trials, *_tested(arm, method, config, seed), "; ".join(messages)

@@ -22,7 +22,7 @@ from tel_lab.inverse_dynamics.arm_models import (
 from tel_lab.offline import OfflineArm
 from tel_lab.study import ROOT
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
-from tel_ros.core.learning.signals import training_samples
+from tel_ros.core.learning.signals import learning_record, training_samples
 from tel_ros.core.trajectories.paths import Derivatives, Path, waypoint_path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, TrialGoal
@@ -123,7 +123,7 @@ def planar_practice(
             recorded = arm.run_trial(TrialGoal(index, 1.0, desired, desired.position_rad + offset_rad))
             if recorded.report.outcome != Outcome.COMPLETED:
                 raise RuntimeError(f"{path.name} in {duration_s} s: {recorded.report}")
-            samples = training_samples(recorded.signals, cutoff_hz)
+            samples = training_samples(learning_record(recorded), cutoff_hz)
             trial = Trial(
                 name=f"{path.name}, {duration_s:g} s",
                 inputs=samples.actual,

@@ -22,7 +22,7 @@ from tel_lab.trial_record import (
     verdict,
 )
 from tel_ros.core.config import Config
-from tel_ros.core.practice.decisions import Ending
+from tel_ros.core.practice.strategy import Ending
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.waypoint_file import load_path
 

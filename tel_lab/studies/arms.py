@@ -10,12 +10,12 @@ import click
 import numpy as np
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import PractisedTrial
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_lab.trial_record import duration_at_effort_share, fastest_by_speed_s, practise, verdict
 from tel_ros.core.config import Config
-from tel_ros.core.trial import Outcome
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.waypoint_file import load_path
 
@@ -35,16 +35,16 @@ class Practised:
     """
 
     config: Config
-    trials: Sequence[PractisedTrial]
+    trials: Sequence[PractisedTrial[Trial]]
     repeats: int
 
     @property
-    def first(self) -> PractisedTrial:
+    def first(self) -> PractisedTrial[Trial]:
         """The first trial at the goal speed."""
         return self.trials[-1 - self.repeats]
 
     @property
-    def last(self) -> PractisedTrial:
+    def last(self) -> PractisedTrial[Trial]:
         """The last repeat."""
         return self.trials[-1]
 
@@ -61,12 +61,12 @@ class Practised:
         )
 
 
-def rms_mrad(trial: PractisedTrial) -> float:
+def rms_mrad(trial: PractisedTrial[Trial]) -> float:
     """Return the RMS error over all joints."""
     return 1e3 * trial.trial.report.rms_error_rad
 
 
-def worst_joint_mrad(trial: PractisedTrial) -> float:
+def worst_joint_mrad(trial: PractisedTrial[Trial]) -> float:
     """Return the RMS error of the joint with the largest one."""
     return 1e3 * float(np.max(trial.trial.report.rms_error_per_joint_rad))
 
@@ -87,14 +87,14 @@ def on_schedule(file: str, repeats: int, *overrides: str) -> Practised:
     return Practised(config, practise(config)[0], repeats)
 
 
-def unlearned(file: str) -> PractisedTrial:
+def unlearned(file: str) -> PractisedTrial[Trial]:
     """Return one trial at the goal speed with nothing learned, to its end: without speed limits."""
     overrides = ["practice.strategy=direct", "practice.trials=1"]
     no_limits = [1e6] * len(load_config(CONFIGS / file).arm.joints)
     return practise(load_config(CONFIGS / file, [*overrides, f"arm.velocity_limit_rad_s={no_limits}"]))[0][0]
 
 
-def errors(trial: PractisedTrial) -> str:
+def errors(trial: PractisedTrial[Trial]) -> str:
     """Return the RMS error over all joints, and in brackets that of the worst one."""
     return f"{rms_mrad(trial):.2f} ({worst_joint_mrad(trial):.2f})"
 
@@ -160,7 +160,7 @@ def planar(file: str) -> tuple[str, list[str]]:
     config = load_config(CONFIGS / file)
     trials, ending = practise(config)
     start = unlearned(file)
-    columns: list[Column[tuple[int, PractisedTrial]]] = [
+    columns: list[Column[tuple[int, PractisedTrial[Trial]]]] = [
         Column("trial", lambda row: row[0]),
         Column("duration [s]", lambda row: row[1].trial.report.duration_s, ".3f"),
         Column("adaptive, model-free", lambda row: errors(row[1])),

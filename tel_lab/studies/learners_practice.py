@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from tel_lab.offline import PractisedTrial
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import of_texts
 from tel_lab.trial_record import ArmChange, practise
 from tel_lab.workers import Failure
-from tel_ros.core.practice.strategy import make_strategy
-from tel_ros.core.trial import Outcome
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.config_file import load_config
 
 CONFIG = ROOT / "config" / "paper.yaml"
@@ -48,7 +48,7 @@ def rms_of_trials(overrides: tuple[str, ...], arm: str, learner: str) -> list[st
     return [cell(practised) for practised in trials]
 
 
-def cell(practised: PractisedTrial) -> str:
+def cell(practised: PractisedTrial[Trial]) -> str:
     """Return the RMS error of a trial in mrad."""
     report = practised.trial.report
     if report.outcome != Outcome.COMPLETED:

@@ -32,7 +32,7 @@ from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_ros.core.config import RecordingConfig
-from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
@@ -187,7 +187,7 @@ def reading(storage: str, folder: Path, n_trials: int) -> Reading:
     read = time.process_time()
     network = new_network(config)
     for trial in trials:
-        samples = configured_samples(trial.signals(), config.learning)
+        samples = configured_samples(learning_record(trial), config.learning)
         network, _ = network.trained_on(samples, config.learning.training)
     trained = time.process_time()
     size_mb = sum(file.stat().st_size for bag in bags for file in bag.iterdir()) / 1e6

@@ -15,16 +15,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.offline import OfflinePractice
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table, of_texts
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
-from tel_lab.trial_record import practise
 from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tel_ros.core.learning.learner import Learner
-from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
+from tel_ros.recording.waypoint_file import load_path
 
 TOLERANCE_RAD = 0.005
 
@@ -81,7 +82,8 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
     run = RUNS[name]
     config = load_config(ROOT / "config" / run.config, [*run.overrides, *overrides])
     before: Learner = new_network(config)
-    done, _ = practise(config)
+    with OfflinePractice(config, load_path(config.path, config.arm), before) as practice:
+        done = practice.run()
     exact = ExactInverseDynamics(config, config.sim)
     units, training = before.context.input_range, config.learning.training
     fitted, true = TheoryMonitor(units, training), TheoryMonitor(units, training, exact.predict)
@@ -90,10 +92,11 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
     for trial in done:
         if trial.training is None:
             continue
-        signals = trial.trial.signals
+        signals = learning_record(trial.trial)
         duration_s = trial.plan.movement.own_duration_s
         samples = configured_samples(signals, config.learning)
-        given = (trial.plan.alpha, duration_s, signals, samples, before, trial.learner)
+        after = practice.learner_after(trial.plan.index)
+        given = (trial.plan.alpha, duration_s, signals, samples, before, after)
         report, outcome = trial.trial.report, trial.training
         measured.append(
             Measured(
@@ -101,13 +104,13 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
                 rms_error_rad=report.rms_error_rad,
                 fitted=fitted.after_trial(*given),
                 true=true.after_trial(*given),
-                network=TheoryMonitor(units, training, trial.learner.predict).after_trial(*given),
+                network=TheoryMonitor(units, training, after.predict).after_trial(*given),
                 message=lock_up.after_trial(
                     report.alpha, report.rms_error_rad, outcome.rms_before_rad, outcome.rms_after_rad
                 ),
             )
         )
-        before = trial.learner
+        before = after
     return measured
 
 

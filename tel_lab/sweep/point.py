@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
-from tel_ros.core.practice.decisions import Ending, PlannedTrial
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.trial import Outcome
+from tel_ros.core.practice.strategy import Ending, PlannedTrial
+from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 if TYPE_CHECKING:
-    from tel_lab.offline import PractisedTrial
+    from tel_ros.core.practice.session import PractisedTrial
 
 FAILED = "failed"
 """Outcome of a point that could not be practised to an end; its measures are of the trials until then."""
@@ -79,7 +79,7 @@ def failure(message: str) -> dict[str, Any]:
 
 def _practised(config: Config) -> dict[str, Any]:
     effort_ratio = _goal_effort_ratio(config)
-    done: list[PractisedTrial] = []
+    done: list[PractisedTrial[Trial]] = []
     try:
         ending = _run(config, done)
         outcome, message = str(ending.outcome), ending.message
@@ -96,13 +96,13 @@ def _practised(config: Config) -> dict[str, Any]:
     }
 
 
-def _run(config: Config, done: list[PractisedTrial]) -> Ending:
+def _run(config: Config, done: list[PractisedTrial[Trial]]) -> Ending:
     """Practise; ``done`` gets the trials one by one, so that they are there if one of them raises."""
     # Late, and here alone: the physics are loaded in workers, not by the command line.
     from tel_lab.offline import OfflinePractice
 
     class Practice(OfflinePractice):
-        def run_trial(self, plan: PlannedTrial) -> PractisedTrial:
+        def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
             done.append(super().run_trial(plan))
             return done[-1]
 
@@ -112,7 +112,7 @@ def _run(config: Config, done: list[PractisedTrial]) -> Ending:
         return practice.ending
 
 
-def _of_trials(done: Sequence[PractisedTrial]) -> dict[str, Any]:
+def _of_trials(done: Sequence[PractisedTrial[Trial]]) -> dict[str, Any]:
     reports = [practised.trial.report for practised in done]
     completed = [practised for practised in done if practised.trial.report.outcome == Outcome.COMPLETED]
     at_goal = [p.trial.report.rms_error_rad for p in completed if p.plan.alpha >= _GOAL_ALPHA]
@@ -131,7 +131,7 @@ def _of_trials(done: Sequence[PractisedTrial]) -> dict[str, Any]:
     }
 
 
-def _warnings(done: Sequence[PractisedTrial], tolerance_rad: float) -> dict[str, Any]:
+def _warnings(done: Sequence[PractisedTrial[Trial]], tolerance_rad: float) -> dict[str, Any]:
     monitor = LockUpMonitor(tolerance_rad)
     said = [
         monitor.after_trial(

@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
 from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, WIDTH_IN
-from tel_ros.app.report.data import RunData, TrialSummary
+from tel_ros.app.report.data import RunData
 from tel_ros.app.report.figures import over_trials
 from tel_ros.app.report.page import Content, Section, block
 from tel_ros.core.errors import TelError
-from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.run_folder import network_after
+from tel_ros.recording.summary import TrialRow
 from tel_ros.recording.trial_bag import read_trial
 
 
@@ -31,7 +32,7 @@ class RunTheory:
         missing: why there is nothing, or not everything; empty if nothing is missing.
     """
 
-    trials: tuple[TrialSummary, ...]
+    trials: tuple[TrialRow, ...]
     estimates: tuple[TheoryEstimate, ...]
     missing: str
 
@@ -44,7 +45,7 @@ def run_theory(run: RunData) -> RunTheory:
     if not run.varies_speed_alone:
         return RunTheory((), (), "The theorems are measured on runs in which only the speed varies.")
     learned = [trial for trial in run.trials if trial.bag and trial.was_learned_from]
-    done: list[TrialSummary] = []
+    done: list[TrialRow] = []
     estimates: list[TheoryEstimate] = []
     monitor: TheoryMonitor | None = None
     latest = 0
@@ -53,7 +54,7 @@ def run_theory(run: RunData) -> RunTheory:
         try:
             before = load_network(network_after(run.folder, before_index))
             after = load_network(network_after(run.folder, trial.index))
-            signals = read_trial(run.folder / trial.bag).signals()
+            signals = learning_record(read_trial(run.folder / trial.bag))
             monitor = monitor or TheoryMonitor(before.context.input_range, run.config.learning.training)
             samples = configured_samples(signals, run.config.learning)
             estimate = monitor.after_trial(trial.alpha, trial.duration_s, signals, samples, before, after)
@@ -86,7 +87,7 @@ def theory(run: RunData) -> Content:
 SECTION = Section("theory", "What the theorems say", theory, "theory")
 
 
-def theory_figure(trials: Sequence[TrialSummary], estimates: Sequence[TheoryEstimate]) -> Figure:
+def theory_figure(trials: Sequence[TrialRow], estimates: Sequence[TheoryEstimate]) -> Figure:
     """Return what the theorems of [Practice] speak of, over the trials that were learned from.
 
     Args:

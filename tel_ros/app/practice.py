@@ -22,9 +22,9 @@ from tel_ros.app.liveness import Liveness
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError, TrajectoryError
+from tel_ros.core.practice.feasibility import require_within_velocity_limits
 from tel_ros.core.practice.movement_path import command, desired_trajectory
-from tel_ros.core.practice.strategy import make_strategy
-from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
+from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.trial import TrialGoal
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
@@ -57,9 +57,10 @@ def check_before_moving(config: Config) -> None:
     """
     new_network(config)
     path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
-    require_within_velocity_limits(config, path, known_path)
+    strategy = make_strategy(config)
+    require_within_velocity_limits(config, strategy.fastest_movements(), path, known_path)
     limits = Limits.of(config.arm, config.control.path_tolerance_rad)
-    for movement in dict.fromkeys(make_strategy(config).preview()):
+    for movement in dict.fromkeys(strategy.preview()):
         desired = desired_trajectory(path, known_path, movement, config.control.rate_hz)
         asked = command(config.arm, movement, desired, desired.position_rad)
         goal = TrialGoal(1, 1.0, desired, asked.equilibrium_rad, asked.springs)

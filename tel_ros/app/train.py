@@ -111,9 +111,9 @@ def _row(lesson: Lesson) -> dict[str, Any]:
     error_rad = trial.position_rad[trial.run] - trial.desired[trial.run, : len(trial.joints)]
     return {
         "bag": str(trial.bag),
-        "index": trial.index,
-        "duration_s": trial.duration_s,
-        "outcome": trial.outcome.name.lower(),
+        "index": trial.report.index,
+        "duration_s": trial.report.duration_s,
+        "outcome": trial.report.outcome.text,
         "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
         "training_rms_before_rad": training.rms_before_rad if training else None,
         "training_rms_after_rad": training.rms_after_rad if training else None,

@@ -69,12 +69,10 @@ class PathConfig(Checked):
 class PracticeConfig(Checked):
     """The practice strategy ([Practice] Sec. 3: 15 trials from 11.5 s to 4.5 s)."""
 
-    strategy: Literal["trajectory_extension", "adaptive_extension", "subtasks", "direct"] = (
-        "trajectory_extension"
-    )
-    """``adaptive_extension`` chooses its own steps. ``subtasks``: first the whole path slowly, then its parts
-    one by one, then the whole ([Practice] Sec. 1.2). ``direct`` runs every trial at the goal speed: the
-    paper's control condition."""
+    strategy: str = "trajectory_extension"
+    """``trajectory_extension`` (the paper), ``adaptive_extension``, which chooses its own steps, ``subtasks``
+    (first the whole path slowly, then its parts one by one, then the whole, [Practice] Sec. 1.2), ``direct``
+    (every trial at the goal speed: the paper's control condition), or one that another package offers."""
     trials: Count = 15
     """How many trials; for ``adaptive_extension`` and ``subtasks`` at most."""
     vary: tuple[Literal["speed", "amplitude", "shape", "stiffness"], ...] = ("speed",)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from tel_ros.core.errors import TrajectoryError
-from tel_ros.core.springs import Springs
+from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
-from tel_ros.core.types import BoolArray, FloatArray
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
+
+RecordT = TypeVar("RecordT", bound="TrialReport | LoopTiming")
 
 
 class Phase(IntEnum):
@@ -30,6 +36,11 @@ class Outcome(IntEnum):
     ABORTED = 1
     CANCELLED = 2
     REFUSED = 3
+
+    @property
+    def text(self) -> str:
+        """The name, as people and ``summary.json`` have it."""
+        return self.name.lower()
 
 
 @dataclass(frozen=True)
@@ -101,26 +112,126 @@ class LoopTiming:
     warning: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialReport:
-    """How one trial went; errors are measured minus desired position over RUN, NaN if it was not reached."""
+    """How one trial went: fields as in ``TrialResult.msg``, with stamps in ns and the timing in one record.
+
+    Errors are measured minus desired position over RUN, NaN if it was not reached. ``timing`` is None if the
+    loop was not measured, as in lockstep.
+    """
 
     index: int
     alpha: float
     duration_s: float
     outcome: Outcome
     message: str
-    start_ns: int
-    run_ns: int
-    end_ns: int
-    ticks: int
     rms_error_rad: float
     rms_error_per_joint_rad: FloatArray
     max_error_rad: float
     max_effort_nm: FloatArray
     saturated_ratio: float
+    ticks: int = 0
     timing: LoopTiming | None = None
-    """How regular the loop was; None: not measured, as in lockstep."""
+    start_ns: int = 0
+    run_ns: int = 0
+    end_ns: int = 0
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return what people read, as values that JSON holds: all fields but the stamps. NaN stays NaN."""
+        return {
+            field.name: _plain(getattr(self, field.name))
+            for field in fields(self)
+            if not field.name.endswith("_ns")
+        }
+
+    @classmethod
+    def from_plain(cls, values: Mapping[str, Any]) -> Self:
+        """Return the record of plain values; null becomes NaN, a missing key the default.
+
+        Raises:
+            KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
+        """
+        return _from_plain(cls, values)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Outcome):
+        return value.text
+    if isinstance(value, LoopTiming):
+        return asdict(value)
+    if isinstance(value, np.ndarray | tuple):
+        return list(value) if isinstance(value, tuple) else value.tolist()
+    return value
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+_READERS: Mapping[str, Callable[[Any], Any]] = {
+    "int": int,
+    "float": _number,
+    "str": lambda value: "" if value is None else str(value),
+    "Outcome": lambda value: Outcome[value.upper()],
+    "FloatArray": lambda values: np.array([_number(value) for value in values]),
+    "tuple[str, ...]": lambda values: tuple(str(value) for value in values),
+    "LoopTiming | None": lambda values: None if values is None else _from_plain(LoopTiming, values),
+}
+"""By the annotation of a field, as it is written."""
+
+
+def _from_plain(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
+    read = {}
+    for field in fields(record):
+        if field.name in values:
+            read[field.name] = _READERS.get(str(field.type), lambda value: value)(values[field.name])
+        elif field.default is MISSING:
+            raise KeyError(field.name)
+    return record(**read)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What was done in one trial; arrays have one row a tick.
+
+    Args:
+        report: how it went.
+        joints: names, in the order of the columns.
+        time_ns: stamps of the joint states that were answered. Shape (n,).
+        phase: numbers of :class:`Phase`. Shape (n,).
+        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
+        equilibrium_rad: û. Shape (n, n_joints).
+        position_rad: ŷ as measured. Shape (n, n_joints).
+        velocity_rad_s: as measured. Shape (n, n_joints).
+        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
+        saturated: whether the effort was clipped. Shape (n, n_joints).
+        springs: those of the trial, if they were not the configured ones.
+    """
+
+    report: TrialReport
+    joints: tuple[str, ...]
+    time_ns: IntArray
+    phase: IntArray
+    desired: FloatArray
+    equilibrium_rad: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+    saturated: BoolArray
+    springs: SpringChange | None = None
+
+    @property
+    def run(self) -> BoolArray:
+        """Which ticks belong to RUN. Shape (n,)."""
+        run: BoolArray = self.phase == Phase.RUN
+        return run
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time since the first tick of RUN, or since the first tick if there was none. Shape (n,)."""
+        start_ns = self.time_ns[self.run][:1] if self.run.any() else self.time_ns[:1]
+        time_s: FloatArray = (self.time_ns - start_ns) / NS_PER_S
+        return time_s
 
 
 def require_joint_count(goal: TrialGoal, n_joints: int) -> None:

@@ -21,7 +21,7 @@ from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_goal, to_result_message
 from tel_ros.nodes.diagnostics import Health, Level
 from tel_ros.recording import topics
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import timing_fields
 
 
 class TrialServer:

@@ -28,7 +28,7 @@ from tel_ros.recording.cdr import (
     JointStateNumbers,
     MessageReader,
 )
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import result_fields
 
 
 def time_ns(stamp: Time | Duration) -> int:
@@ -213,24 +213,7 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
 
 def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult:
     """Return a report as a message."""
-    return TrialResult(
-        index=report.index,
-        outcome=int(report.outcome),
-        message=report.message,
-        alpha=report.alpha,
-        duration_s=report.duration_s,
-        start_stamp=to_time(report.start_ns),
-        run_stamp=to_time(report.run_ns),
-        end_stamp=to_time(report.end_ns),
-        ticks=report.ticks,
-        joint_names=list(joints),
-        rms_error_rad=report.rms_error_rad,
-        rms_error_per_joint_rad=to_array(report.rms_error_per_joint_rad),
-        max_error_rad=report.max_error_rad,
-        max_effort_nm=to_array(report.max_effort_nm),
-        saturated_ratio=report.saturated_ratio,
-        **timing_fields(report.timing),
-    )
+    return TrialResult(joint_names=list(joints), **result_fields(report, to_time))
 
 
 def _columns(names: Sequence[str], joints: Sequence[str]) -> list[int]:

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, TrainOnTrials
 
 from tel_ros.core.errors import TelError, TrainingError
-from tel_ros.core.learning.inputs import query_inputs
-from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
-from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.learning.learner import Learner, TrainingOutcome
+from tel_ros.core.learning.signals import configured_samples, learning_record
+from tel_ros.core.practice.learner_network import predicted
 from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters
@@ -20,8 +20,7 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
 from tel_ros.recording.new_network import PREDICTS_TORQUE, new_network
-from tel_ros.recording.retraining import require_trainable
-from tel_ros.recording.same_arm import require_same_arm
+from tel_ros.recording.retraining import require_same_arm, require_trainable
 from tel_ros.recording.trial_bag import read_trial
 
 
@@ -48,10 +47,11 @@ class InverseDynamicsNode(Node):
             desired = to_desired(request.desired, self._joints)
         except TelError as error:
             return self._refuse(response, error)
-        inputs = query_inputs(desired, 1.0 / self._config.control.rate_hz)
-        equilibrium = desired.position_rad + self._network.predict(inputs)
-        response.equilibrium = to_trajectory_message(self._joints, desired.time_ns, equilibrium)
-        response.std_rad = to_array(std_along(self._network, inputs))
+        prediction = predicted(self._network, desired, self._config.control.rate_hz)
+        response.equilibrium = to_trajectory_message(
+            self._joints, desired.time_ns, prediction.equilibrium_rad
+        )
+        response.std_rad = to_array(prediction.std_rad)
         response.revision = self._revision
         response.success, self._trouble = True, ""
         return response
@@ -73,7 +73,7 @@ class InverseDynamicsNode(Node):
                 trial = read_trial(Path(bag))
                 if trial.joints != self._joints:
                     raise _other_joints(bag, trial.joints, self._joints)
-                samples = configured_samples(trial.signals(), self._config.learning)
+                samples = configured_samples(learning_record(trial), self._config.learning)
                 network, outcome = network.trained_on(samples, mode)
                 outcomes.append(outcome)
                 response.samples += len(samples.offset_rad)

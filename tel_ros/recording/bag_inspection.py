@@ -14,12 +14,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
 from tel_ros.core.errors import BagError, TelError
-from tel_ros.core.trial import Outcome
+from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import METADATA_FILE, is_latched, open_any_bag, reading
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
 from tel_ros.recording.trial_bag import check_sums
+from tel_ros.recording.trial_result import report_of
 
 STORAGE_OF = {".mcap": "mcap", ".db3": "sqlite3", ".bag": "rosbag1"}
 
@@ -63,21 +64,6 @@ class InspectedTopic:
 
 
 @dataclass(frozen=True)
-class InspectedTrial:
-    """What the trial of a bag came to; fields as in ``TrialResult``."""
-
-    index: int
-    outcome: str
-    message: str
-    alpha: float
-    duration_s: float
-    joints: tuple[str, ...]
-    ticks: int
-    rms_error_rad: float
-    max_error_rad: float
-
-
-@dataclass(frozen=True)
 class InspectedBag:
     """Everything that is to be said about a bag.
 
@@ -91,7 +77,8 @@ class InspectedBag:
         start_ns: time of its first message.
         duration_s: from the first message to the last.
         topics: sorted by name.
-        trial: if it is that of a trial, and can be read.
+        trial: how it went, if it is the bag of a trial and can be read.
+        joints: of that trial.
         metadata: what was stored beside the messages.
     """
 
@@ -104,7 +91,8 @@ class InspectedBag:
     start_ns: int = 0
     duration_s: float = 0.0
     topics: tuple[InspectedTopic, ...] = ()
-    trial: InspectedTrial | None = None
+    trial: TrialReport | None = None
+    joints: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -133,7 +121,7 @@ def inspect_bag(bag: Path) -> InspectedBag:
     try:
         with open_any_bag(bag) as reader, reading(bag):
             start_ns, duration_s, found_topics = _topics(reader)
-            trial = _trial(reader)
+            trial, joints = _trial(reader)
     except BagError as error:
         return InspectedBag(wholeness=Wholeness.BROKEN, problem=error.found, **known)
     wholeness, problem = _wholeness(bag, found_topics, known["metadata"])
@@ -144,6 +132,7 @@ def inspect_bag(bag: Path) -> InspectedBag:
         duration_s=duration_s,
         topics=found_topics,
         trial=trial,
+        joints=joints,
         **known,
     )
 
@@ -205,30 +194,19 @@ def _key(connection: Connection) -> tuple[str, int]:
     return connection.topic, connection.id
 
 
-def _trial(reader: AnyReader) -> InspectedTrial | None:
-    """Return what the result of a trial says, if the bag has exactly one that can be read."""
+def _trial(reader: AnyReader) -> tuple[TrialReport | None, tuple[str, ...]]:
+    """Return what the result of a trial says and its joints, if there is exactly one that can be read."""
     named = [c for c in reader.connections if topics.is_named(c.topic, topics.TRIAL_RESULT)]
     connections = [connection for connection in named if connection.msgcount]
     if not connections:
-        return None
+        return None, ()
     results: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
     if len(results) != 1:
-        return None
-    result = results[0]
+        return None, ()
     try:
-        return InspectedTrial(
-            index=int(result.index),
-            outcome=Outcome(result.outcome).name.lower(),
-            message=str(result.message),
-            alpha=float(result.alpha),
-            duration_s=float(result.duration_s),
-            joints=tuple(result.joint_names),
-            ticks=int(result.ticks),
-            rms_error_rad=float(result.rms_error_rad),
-            max_error_rad=float(result.max_error_rad),
-        )
-    except (AttributeError, ValueError):
-        return None  # somebody else's topic of that name
+        return report_of(results[0]), tuple(results[0].joint_names)
+    except (AttributeError, ValueError, TypeError):
+        return None, ()  # somebody else's topic of that name
 
 
 def _wholeness(

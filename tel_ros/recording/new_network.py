@@ -12,7 +12,7 @@ from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext
 from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.practice.movement_path import desired_trajectory
-from tel_ros.core.practice.strategy import movements_to_cover
+from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
@@ -27,7 +27,7 @@ def learner_context(config: Config) -> LearnerContext:
             desired_trajectory(path, known_path, movement, config.control.rate_hz),
             config.learning.input_margin,
         )
-        for movement in movements_to_cover(config.practice)
+        for movement in make_strategy(config).movements_to_cover()
     ]
     return LearnerContext(
         joints=config.arm.joints,

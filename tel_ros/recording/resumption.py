@@ -1,36 +1,182 @@
-"""Bringing the folder of an interrupted run in order, so that it goes on after its last whole trial."""
+"""Going on with an interrupted run: what it had done, and its folder brought in order."""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tel_ros.core.config import Config
-from tel_ros.core.errors import BagError, InputFileError
-from tel_ros.core.practice.decisions import Ending
-from tel_ros.core.trial import Outcome
+from tel_ros.core.errors import BagError, InputFileError, TrainingError
+from tel_ros.core.learning.learner import Learner, TrainingOutcome
+from tel_ros.core.practice.learner_network import predicted, trained
+from tel_ros.core.practice.session import PracticeSession, PractisedTrial, Prediction
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, PlannedTrial
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.earlier_trials import earlier_trials
 from tel_ros.recording.network_file import load_network, save_network
 from tel_ros.recording.retraining import require_trainable
 from tel_ros.recording.run_folder import (
     CONFIG_FILE,
     LOG_FOLDER,
-    NETWORK_FILE,
     SUMMARY_FILE,
+    json_ready,
+    network_after,
+    publish_network,
     read_summary,
     trial_bag,
     trial_bags,
     written_config,
 )
-from tel_ros.recording.summary import RunSummary
-from tel_ros.recording.trial_report import read_report
+from tel_ros.recording.summary import RunSummary, TrialRow
+from tel_ros.recording.trial_bag import read_report, read_trial
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 SET_ASIDE = "set_aside"
 """Folder in a run's folder: what an interrupted run has left and a resumed one does not go on from."""
 
 _ENDED = ("completed", "stopped", "aborted")
+_NOT_RECORDED = (
+    *("training_rms_before_rad", "training_rms_after_rad", "rms_command_change_rad", "grown"),
+    *("warning", "wall_s"),
+)
+"""Columns of a row that neither the plan nor the bag tells."""
+_AS_BEGUN = "the bags, the configuration and the version that the run was begun with"
+
+
+class RecordedNetwork:
+    """The networks that a run has saved, as the network of a practice session.
+
+    A trial that was recorded but not learned from to the end is learned from again, and the network saved.
+
+    Args:
+        folder: of the run.
+        config: of the run.
+    """
+
+    def __init__(self, folder: Path, config: Config) -> None:
+        self._folder, self._config = folder, config
+        self._learner: Learner | None = None  # None: has to be loaded
+        self.after = 0
+        """The trial whose network is asked."""
+        self.row: TrialRow | None = None
+        """What the summary tells of the trial to learn from; None: nothing."""
+
+    def predict(self, desired: DesiredTrajectory) -> Prediction:
+        """Return the command for a trajectory."""
+        return predicted(self._now(), desired, self._config.control.rate_hz)
+
+    def train(self, bag: Path) -> TrainingOutcome:
+        """Return what was learned from a trial, and learn it again where its network is missing."""
+        row = self.row
+        if row is not None and not row.was_learned_from:
+            raise TrainingError(f"nothing was learned from trial {row.index}")
+        if row is not None and network_after(self._folder, row.index).is_file():
+            self._learner = None
+            return TrainingOutcome(
+                row.training_rms_before_rad, row.training_rms_after_rad, row.rms_command_change_rad, row.grown
+            )
+        self._learner, training = trained(self._now(), read_trial(bag), self._config)
+        return training
+
+    def save(self, index: int) -> None:
+        """Go on with the network after a trial; it is written unless it is there."""
+        file = network_after(self._folder, index)
+        if not file.is_file():
+            save_network(self._now(), file)
+        self.after = index
+
+    def load(self, index: int) -> None:
+        """Go back to the network as it was after a trial."""
+        self.after, self._learner = index, None
+
+    def _now(self) -> Learner:
+        if self._learner is None:
+            self._learner = load_network(network_after(self._folder, self.after))
+        return self._learner
+
+
+@dataclass(frozen=True)
+class EarlierTrials:
+    """What a run had done before it was interrupted.
+
+    Args:
+        session: has gone through all trials; asks the saved networks, and has no arm.
+        rows: of the summary.
+        network_after: the trial whose network was the last one; 0: as the run began.
+    """
+
+    session: PracticeSession[Path]
+    rows: tuple[TrialRow, ...]
+    network_after: int
+
+
+def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = None) -> EarlierTrials:
+    """Go through the trials of a run once more, without moving anything.
+
+    A strategy is a state machine without clock, files or chance: fed with the recorded trials and the
+    networks that there were, it is where it was. What it plans on the way has to be what was done.
+
+    Args:
+        folder: of the run.
+        config: of the run, with absolute file names.
+        bags: its whole trials, in order; None: all that have a name of their own.
+
+    Raises:
+        BagError: a bag cannot be used, or is not of the trial that the strategy plans there.
+        InputFileError: the summary tells of a trial other things than bag and strategy do.
+        NetworkFileError: the network after an earlier trial is missing or not whole.
+        TrainingError: a trial that was completed cannot be learned from.
+    """
+    network = RecordedNetwork(folder, config)
+    paths = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
+    session = PracticeSession(config, *paths, make_strategy(config), None, network)
+    stored = (
+        {int(row["index"]): row for row in read_summary(folder)["trials"]} if _has_summary(folder) else {}
+    )
+    rows: list[TrialRow] = []
+    for bag in trial_bags(folder) if bags is None else bags:
+        decision, report = session.next(), read_report(bag)
+        plan = _as_planned(bag, decision, report)
+        found = stored.get(plan.index)
+        network.row = None if found is None else TrialRow.from_plain(found)
+        if found is not None:
+            _require_same_row(folder, TrialRow.of(PractisedTrial(plan, report, bag, None), bag.name), found)
+        done = session.replay_trial(plan, report, bag)
+        rows.append(TrialRow.of(done, bag.name, network.row.wall_s if network.row else math.nan))
+    return EarlierTrials(session, tuple(rows), network.after)
+
+
+def _has_summary(folder: Path) -> bool:
+    return (folder / SUMMARY_FILE).exists()
+
+
+def _as_planned(bag: Path, decision: PlannedTrial | Ending, report: TrialReport) -> PlannedTrial:
+    if isinstance(decision, Ending):
+        found = f"is trial {report.index}, but the strategy ends before it ({decision.message})"
+        raise BagError(bag, found, _AS_BEGUN)
+    for what, recorded, planned in (
+        ("trial", report.index, decision.index),
+        ("α", report.alpha, decision.alpha),
+    ):
+        if recorded != planned:
+            found = f"has {what} {recorded}, but the strategy plans {what} {planned} there"
+            raise BagError(bag, found, _AS_BEGUN)
+    return decision
+
+
+def _require_same_row(folder: Path, row: TrialRow, stored: Mapping[str, Any]) -> None:
+    values: dict[str, Any] = json.loads(json.dumps(json_ready(row.to_plain())))
+    for key, value in values.items():
+        if key not in _NOT_RECORDED and stored.get(key) != value:
+            found = f"tells of trial {row.index} that {key} is {stored.get(key)!r}"
+            raise InputFileError(folder / SUMMARY_FILE, found, f"{value!r}, as bag and strategy tell")
 
 
 @dataclass(frozen=True)
@@ -77,16 +223,14 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
     earlier = earlier_trials(folder, config, bags)
     if (folder / SUMMARY_FILE).exists():
         summary = read_summary(folder)
-        ended = summary.get("outcome") in _ENDED
-        assert earlier.forecast is not None
-        if ended and isinstance(earlier.strategy.next(earlier.last, earlier.forecast), Ending):
+        if summary.get("outcome") in _ENDED and isinstance(earlier.session.next(), Ending):
             found = f"the run is finished: {summary['outcome']}, {len(bags)} trials"
             raise InputFileError(folder, found, "a run that was interrupted")
     moved = dict(_moved(folder, path, why) for path, why in {**cut_off, **_leftovers(folder)}.items())
     if not any((folder / UNFINISHED).glob("*")) and (folder / UNFINISHED).is_dir():
         (folder / UNFINISHED).rmdir()
-    if earlier.network is not None:
-        save_network(load_network(earlier.network), folder / NETWORK_FILE)
+    if earlier.rows:
+        publish_network(folder, earlier.network_after)
     again = RunSummary(folder, written_config(folder))
     again.rows = list(earlier.rows)
     again.write()
@@ -119,7 +263,7 @@ def _why_not(bag: Path) -> str:
     except BagError as error:
         return error.found
     if report.outcome in (Outcome.CANCELLED, Outcome.REFUSED):
-        return f"was {report.outcome.name.lower()}"
+        return f"was {report.outcome.text}"
     return ""
 
 

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import BagError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
-from tel_ros.core.learning.signals import configured_samples
-from tel_ros.core.practice.lessons import has_to_teach, is_learned_from
+from tel_ros.core.practice.learner_network import trained
+from tel_ros.core.practice.session import learned_or_passed_over
 from tel_ros.recording.bag_writer import RECOVERED
 from tel_ros.recording.network_file import revision
+from tel_ros.recording.provenance import stored_config, stored_urdf
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bag, trial_bags
-from tel_ros.recording.same_arm import require_same_arm
-from tel_ros.recording.trial_bag import RecordedTrial, read_metadata, read_trial
-from tel_ros.recording.trial_metadata import GO_BACK_TO, REVISION
+from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, RecordedTrial, read_metadata, read_trial
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,16 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
         if trial.joints != config.arm.joints:
             found = f"is of the joints {', '.join(trial.joints)}"
             raise BagError(bag, found, f"{', '.join(config.arm.joints)}, as in its configuration")
-        learner, training, why_not = learned_from(trial, config, learner)
+        try:
+            after, why_not = learned_or_passed_over(
+                trial.report.outcome,
+                bool(trial.run.any()),
+                config.practice.on_abort,
+                partial(trained, learner, trial, config),
+            )
+        except TrainingError as error:
+            raise TrainingError(f"{bag}: {error}") from None
+        learner, training = after or (learner, None)
         yield Lesson(
             trial=trial,
             recorded_revision=values.get(REVISION, ""),
@@ -114,31 +125,42 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
             training=training,
             note="; ".join(text for text in (note, why_not) if text),
         )
-        if any(back == trial.index for back in wanted):
-            kept[run, trial.index] = learner
+        if any(back == trial.report.index for back in wanted):
+            kept[run, trial.report.index] = learner
 
 
-def learned_from(
-    trial: RecordedTrial, config: Config, learner: Learner
-) -> tuple[Learner, TrainingOutcome | None, str]:
-    """Let a learner learn from one trial, as practice does.
+_ARM_KEYS = ("name", "joints", "command_interface", "stiffness_nm_per_rad", "damping_nms_per_rad")
 
-    Returns:
-        The learner after the trial, what learning did (None if the trial is not learned from), and why not.
+
+def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmConfig | None = None) -> None:
+    """Make sure that all bags are of one arm.
+
+    Compared are its name, its joints in their order, its command interface, its springs (those of the
+    configuration: what a single trial varies is accounted for) and the text of its URDF.
+
+    Args:
+        bags: with their metadata.
+        arm: of which they have to be, with a URDF that can be read; None: that of the first bag.
 
     Raises:
-        TrainingError: the trial was completed and cannot be learned from, and ``practice.on_abort`` is stop.
+        BagError: a bag differs in that; the message says in what, with both values.
     """
-    if not is_learned_from(trial.outcome, bool(trial.run.any()), config.practice.on_abort):
-        return learner, None, f"{trial.outcome.name.lower()}: not learned from"
-    try:
-        samples = configured_samples(trial.signals(), config.learning)
-        after, training = learner.trained_on(samples, config.learning.training)
-    except TrainingError as error:
-        if has_to_teach(trial.outcome, config.practice.on_abort):
-            raise TrainingError(f"{trial.bag}: {error}") from None
-        return learner, None, f"nothing was learned: {error}"
-    return after, training, ""
+    if arm is not None:
+        reference, origin = _facts(arm, Path(arm.urdf).read_text(encoding="utf-8")), "the configuration"
+    else:
+        reference, origin = {}, str(bags[0][0]) if bags else ""
+    for bag, metadata in bags:
+        facts = _facts(stored_config(bag, metadata).arm, stored_urdf(bag, metadata))
+        for key, value in facts.items():
+            expected = reference.setdefault(key, value)
+            if value != expected:
+                raise BagError(bag, f"{key} is {value!r}", f"{expected!r}, as in {origin}")
+
+
+def _facts(arm: ArmConfig, urdf: str) -> dict[str, Any]:
+    facts: dict[str, Any] = {f"arm.{key}": getattr(arm, key) for key in _ARM_KEYS}
+    facts["arm.urdf"] = f"a text with the SHA-256 {hashlib.sha256(urdf.encode()).hexdigest()[:16]}"
+    return facts
 
 
 def _trials_of(run: Path) -> list[Path]:

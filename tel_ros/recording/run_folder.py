@@ -99,6 +99,23 @@ def network_after(folder: Path, index: int) -> Path:
     return folder / "network" / f"after_{index:03d}.npz"
 
 
+def publish_network(folder: Path, index: int) -> None:
+    """Make ``network/network.npz`` the network as it was after a trial: a second name of the same file.
+
+    The change is atomic. A file system without hard links gets a copy. Files of networks are only ever
+    replaced, never written to, so the two names do not disturb each other.
+    """
+    file = folder / NETWORK_FILE
+    beside = file.with_name(f".{file.name}.{os.getpid()}.tmp")
+    beside.unlink(missing_ok=True)
+    try:
+        beside.hardlink_to(network_after(folder, index))
+    except OSError:
+        shutil.copyfile(network_after(folder, index), beside)
+    beside.replace(file)
+    beside.unlink(missing_ok=True)  # rename does nothing where both are the same file already
+
+
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write the summary of a run, atomically; numbers that are not finite become null.
 

@@ -2,60 +2,79 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tel_ros.core.config import Config
-from tel_ros.core.practice.decisions import PlannedTrial
-from tel_ros.core.trial import TrialReport
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.recording.config_file import to_plain
 from tel_ros.recording.run_folder import write_summary
 
 
-@dataclass
-class TrialRow:
-    """One trial, with what was learned from it (NaN where nothing was)."""
+@dataclass(frozen=True, kw_only=True)
+class TrialRow(TrialReport):
+    """A row of ``summary.json``, keys as there: how a trial went, why it was done, what was learned from it.
 
-    plan: PlannedTrial
-    report: TrialReport
-    bag: str
-    wall_s: float
-    training_rms_before_rad: float = float("nan")
-    training_rms_after_rad: float = float("nan")
-    rms_command_change_rad: float = float("nan")
-    grown: list[str] = field(default_factory=list)
+    NaN where the row has no number. ``warning`` is about the course of learning, e.g. lock-up.
+    """
+
+    reason: str = ""
+    went_back_to: int | None = None
+    expected_rms_rad: float = math.nan
+    rms_command_change_rad: float = math.nan
+    training_rms_before_rad: float = math.nan
+    training_rms_after_rad: float = math.nan
+    grown: tuple[str, ...] = ()
     warning: str = ""
-    """What there is to say about the course of learning, e.g. that it has locked up."""
+    bag: str = ""
+    wall_s: float = math.nan
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the row with the keys of ``summary.json``."""
-        report = self.report
-        return {
-            "index": report.index,
-            "alpha": report.alpha,
-            "duration_s": report.duration_s,
-            "reason": self.plan.reason,
-            "went_back_to": self.plan.go_back_to,
-            "expected_rms_rad": self.plan.expected_rms_rad,
-            "rms_error_rad": report.rms_error_rad,
-            "rms_error_per_joint_rad": report.rms_error_per_joint_rad.tolist(),
-            "max_error_rad": report.max_error_rad,
-            "max_effort_nm": report.max_effort_nm.tolist(),
-            "saturated_ratio": report.saturated_ratio,
-            "rms_command_change_rad": self.rms_command_change_rad,
-            "training_rms_before_rad": self.training_rms_before_rad,
-            "training_rms_after_rad": self.training_rms_after_rad,
-            "grown": self.grown,
-            "warning": self.warning,
-            # None in lockstep: equal runs have equal summaries.
-            "timing": None if report.timing is None else asdict(report.timing),
-            "outcome": report.outcome.name.lower(),
-            "message": report.message,
-            "bag": self.bag,
-            "ticks": report.ticks,
-            "wall_s": self.wall_s,
-        }
+    @classmethod
+    def of(cls, done: PractisedTrial[Any], bag: str, wall_s: float = math.nan) -> Self:
+        """Return the row of a trial.
+
+        Args:
+            done: the trial.
+            bag: name of its bag.
+            wall_s: what it took by the wall clock, learning included.
+        """
+        plan, training = done.plan, done.training
+        learned: dict[str, Any] = {}
+        if training is not None:
+            learned = {
+                "rms_command_change_rad": training.rms_command_change_rad,
+                "training_rms_before_rad": training.rms_before_rad,
+                "training_rms_after_rad": training.rms_after_rad,
+                "grown": tuple(training.grown),
+            }
+        return cls(
+            **{field.name: getattr(done.report, field.name) for field in fields(TrialReport)},
+            reason=plan.reason,
+            went_back_to=plan.go_back_to,
+            expected_rms_rad=plan.expected_rms_rad,
+            warning=done.warning,
+            bag=bag,
+            wall_s=wall_s,
+            **learned,
+        )
+
+    @property
+    def completed(self) -> bool:
+        """Whether the trial ran to its end."""
+        return self.outcome == Outcome.COMPLETED
+
+    @property
+    def was_learned_from(self) -> bool:
+        """Whether the network was trained on it."""
+        return math.isfinite(self.training_rms_after_rad)
+
+    @property
+    def reached_run(self) -> bool:
+        """Whether it reached its movement: the error is known from RUN alone."""
+        return math.isfinite(self.rms_error_rad)
 
 
 class RunSummary:
@@ -90,6 +109,6 @@ class RunSummary:
                 "config": to_plain(self._config),
                 "outcome": self.outcome,
                 "message": self.message,
-                "trials": [row.as_dict() for row in self.rows],
+                "trials": [row.to_plain() for row in self.rows],
             },
         )

@@ -1,12 +1,12 @@
-"""Reading a trial back from its bag."""
+"""A trial in its bag: what is stored beside the messages, and reading it back."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,87 +15,61 @@ from rosbags.highlevel import AnyReader
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, TelError
-from tel_ros.core.learning.signals import TrialSignals, learning_record
-from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
-from tel_ros.core.trial import LoopTiming, Outcome, Phase
-from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
+from tel_ros.core.practice.strategy import PlannedTrial
+from tel_ros.core.springs import SpringChange, Springs
+from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
+from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
-from tel_ros.recording.config_file import config_from
-from tel_ros.recording.trial_timing import recorded_timing, timing_fields
+from tel_ros.recording.config_file import config_from, dump_config
+from tel_ros.recording.provenance import stored_files
+from tel_ros.recording.trial_result import report_of
+
+GO_BACK_TO = "go_back_to"
+"""In the metadata: the trial whose network was gone back to before this one; empty: none."""
+REVISION = "network_revision"
+"""In the metadata: of the network that has predicted the command."""
 
 
-@dataclass(frozen=True)
-class RecordedTrial:
-    """One trial as it lies in its bag; arrays have one row a tick.
+@dataclass(frozen=True, kw_only=True)
+class RecordedTrial(Trial):
+    """A trial as it lies in its bag.
 
     Args:
         bag: folder of the bag.
         metadata: what was stored beside the messages.
-        joints: names, in the order of the columns.
-        index: number of the trial.
-        outcome: how it ended.
-        message: why it was aborted or cancelled.
-        duration_s: of the desired trajectory.
-        time_ns: stamps of the joint states that were answered. Shape (n,).
-        phase: numbers of :class:`Phase`. Shape (n,).
-        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
-        equilibrium_rad: û. Shape (n, n_joints).
-        position_rad: ŷ as measured. Shape (n, n_joints).
-        velocity_rad_s: as measured. Shape (n, n_joints).
-        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
-        saturated: whether the effort was clipped. Shape (n, n_joints).
         command_std_rad: standard deviation that the network expected of the error in û, for the ticks of RUN
             (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
             nothing, or if the bag does not tell.
-        springs: those of the trial, if they were not the configured ones.
-        timing: how regular the control loop was; None if it was not measured.
     """
 
     bag: Path
     metadata: Mapping[str, str]
-    joints: tuple[str, ...]
-    index: int
-    outcome: Outcome
-    message: str
-    duration_s: float
-    time_ns: IntArray
-    phase: IntArray
-    desired: FloatArray
-    equilibrium_rad: FloatArray
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    effort_nm: FloatArray
-    saturated: BoolArray
     command_std_rad: FloatArray
-    springs: SpringChange | None = None
-    timing: LoopTiming | None = None
 
-    @property
-    def run(self) -> BoolArray:
-        """Which ticks belong to RUN. Shape (n,)."""
-        run: BoolArray = self.phase == Phase.RUN
-        return run
 
-    @property
-    def time_s(self) -> FloatArray:
-        """Time since the first tick of RUN, or since the first tick if there was none. Shape (n,)."""
-        start_ns = self.time_ns[self.run][:1] if self.run.any() else self.time_ns[:1]
-        time_s: FloatArray = (self.time_ns - start_ns) / NS_PER_S
-        return time_s
+def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision: str) -> dict[str, str]:
+    """Return the custom data of a trial's bag: all that it takes to plan, repeat and learn from the trial.
 
-    def signals(self) -> TrialSignals:
-        """Return what the network learns from."""
-        return learning_record(
-            time_ns=self.time_ns,
-            phase=self.phase,
-            desired=self.desired,
-            position_rad=self.position_rad,
-            equilibrium_rad=learned_equilibrium(
-                self.springs, self.equilibrium_rad, self.position_rad, self.velocity_rad_s
-            ),
-            saturated=self.saturated,
-        )
+    Args:
+        plan: of the trial.
+        config: of the run, with files that can be read.
+        written: the same as it is written in the run's folder.
+        revision: of the network that has predicted the command.
+    """
+    return {
+        "config": dump_config(written),
+        "strategy": config.practice.strategy,
+        "trial": str(plan.index),
+        "alpha": repr(plan.alpha),
+        "duration_s": repr(plan.movement.own_duration_s),
+        "reason": plan.reason,
+        "seed": str(config.seed),
+        GO_BACK_TO: "" if plan.go_back_to is None else str(plan.go_back_to),
+        REVISION: revision,
+        **{f"version.{name}": version for name, version in written.versions.items()},
+        **stored_files(config, plan.index),
+    }
 
 
 def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
@@ -119,8 +93,20 @@ def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
         results = _messages(reader, bag, topics.TRIAL_RESULT)
         goals = _messages(reader, bag, topics.TRIAL_GOAL)
         if RECOVERED in metadata and not results and goals:
-            results = [_result_in_place(goals[0], metadata[RECOVERED])]
+            results = [None]
         return _trial(bag, metadata, states, results, goals)
+
+
+def read_report(bag: Path) -> TrialReport:
+    """Return the report of a recorded trial.
+
+    Raises:
+        BagError: as for :func:`check_bag`, or it does not hold exactly one result.
+    """
+    results = read_topic(bag, topics.TRIAL_RESULT)
+    if len(results) != 1:
+        raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
+    return report_of(results[0][1])
 
 
 def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
@@ -182,21 +168,24 @@ def _trial(
     for what, messages in (("results", results), ("goals", goals)):
         if len(messages) != 1:
             raise BagError(bag, f"holds {len(messages)} trial {what}", "exactly one")
-    result = results[0]
-    states = [state for state in states if state.trial == result.index]
+    result, goal = results[0], goals[0]
+    # Of a trial whose recording ended before it did only the goal tells.
+    report = _unfinished(goal, metadata[RECOVERED]) if result is None else report_of(result)
+    joints = tuple((goal if result is None else result).joint_names)
+    states = [state for state in states if state.trial == report.index]
     # A trial that lost the arm before its first tick has none, and is whole.
-    if len(states) < result.ticks or (not states and result.outcome == Outcome.COMPLETED):
+    if len(states) < report.ticks or (not states and report.outcome == Outcome.COMPLETED):
         raise BagError(
-            bag, f"holds {len(states)} control states", f"at least the trial's {result.ticks} ticks"
+            bag, f"holds {len(states)} control states", f"at least the trial's {report.ticks} ticks"
         )
 
     def column(name: str) -> Any:
         values = [getattr(state, name) for state in states]
-        lengths = {len(value) for value in values} - {len(result.joint_names)}
+        lengths = {len(value) for value in values} - {len(joints)}
         if lengths:
-            expected = f"one value for each of the joints {', '.join(result.joint_names)}"
+            expected = f"one value for each of the joints {', '.join(joints)}"
             raise BagError(bag, f"holds {lengths.pop()} values in {name}", expected)
-        return np.array(values).reshape(len(states), len(result.joint_names))
+        return np.array(values).reshape(len(states), len(joints))
 
     desired = [
         column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
@@ -205,11 +194,8 @@ def _trial(
     return RecordedTrial(
         bag=bag,
         metadata=metadata,
-        joints=tuple(result.joint_names),
-        index=int(result.index),
-        outcome=Outcome(result.outcome),
-        message=str(result.message),
-        duration_s=float(result.duration_s),
+        report=report,
+        joints=joints,
         time_ns=np.array(
             [s.header.stamp.sec * NS_PER_S + s.header.stamp.nanosec for s in states], dtype=np.int64
         ),
@@ -220,22 +206,24 @@ def _trial(
         velocity_rad_s=column("velocity_rad_s"),
         effort_nm=column("effort_nm"),
         saturated=column("saturated").astype(bool),
-        command_std_rad=_command_std(bag, goals[0], int(np.count_nonzero(phase == Phase.RUN))),
-        springs=_springs(bag, metadata, goals[0], tuple(result.joint_names)),
-        timing=recorded_timing(result),
+        command_std_rad=_command_std(bag, goal, int(np.count_nonzero(phase == Phase.RUN))),
+        springs=_springs(bag, metadata, goal, joints),
     )
 
 
-def _result_in_place(goal: Any, why: str) -> Any:
-    """Return what stands for the result of a trial whose recording ended before it did."""
-    return SimpleNamespace(
-        index=goal.trial,
+def _unfinished(goal: Any, why: str) -> TrialReport:
+    """Return what is known of a trial whose recording ended before it did."""
+    return TrialReport(
+        index=int(goal.trial),
+        alpha=float(goal.alpha),
+        duration_s=goal.time_ns[-1] / NS_PER_S,
         outcome=Outcome.ABORTED,
         message=f"the recording has no end: recovered {why}",
-        duration_s=goal.time_ns[-1] / NS_PER_S,
-        ticks=0,
-        joint_names=goal.joint_names,
-        **timing_fields(None),
+        rms_error_rad=math.nan,
+        rms_error_per_joint_rad=np.full(len(goal.joint_names), math.nan),
+        max_error_rad=math.nan,
+        max_effort_nm=np.full(len(goal.joint_names), math.nan),
+        saturated_ratio=math.nan,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,9 @@ import numpy as np
 
 import sim_bridge
 from tel_ros.core.config import ArmConfig, Config, PathConfig, PracticeConfig
-from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.practice.strategy import Movement, PlannedTrial
 from tel_ros.core.trial import LoopTiming, Outcome, Phase, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
@@ -20,7 +23,7 @@ from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
 from tel_ros.recording.run_folder import create_run_folder, trial_bag
 from tel_ros.recording.summary import RunSummary, TrialRow
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import result_fields
 
 URDF = Path(sim_bridge.__file__).parent / "urdf" / "planar_arm.urdf"
 JOINTS = ("shoulder", "elbow")
@@ -98,24 +101,9 @@ def write_bag(bag: Path, trial: Trial) -> TrialReport:
         writer.write(topics.TRIAL_GOAL, 0, goal_message(trial))
         report = report_of(trial, len(phases))
         kind = topics.RECORDED_ONCE[topics.TRIAL_RESULT]
-        result = types[kind](
-            index=trial.index,
-            outcome=int(trial.outcome),
-            message=trial.message,
-            alpha=report.alpha,
-            duration_s=trial.duration_s,
-            start_stamp=stamp(0),
-            run_stamp=stamp(report.run_ns),
-            end_stamp=stamp(len(phases) * period_ns),
-            ticks=len(phases),
-            joint_names=list(JOINTS),
-            rms_error_rad=report.rms_error_rad,
-            rms_error_per_joint_rad=report.rms_error_per_joint_rad,
-            max_error_rad=report.max_error_rad,
-            max_effort_nm=report.max_effort_nm,
-            saturated_ratio=report.saturated_ratio,
-            **timing_fields(report.timing),
-        )
+        fields = result_fields(replace(report, end_ns=len(phases) * period_ns), stamp)
+        arrays = {key: np.array(value) for key, value in fields.items() if isinstance(value, array)}
+        result = types[kind](joint_names=list(JOINTS), **{**fields, **arrays})
         writer.write(topics.TRIAL_RESULT, len(phases) * period_ns, serialise(result, kind))
     return report
 
@@ -189,10 +177,9 @@ def write_run(
     for trial in made_of:
         bag = trial_bag(folder, trial.index)
         report = write_bag(bag, trial)
-        learned = {"training_rms_before_rad": 0.04321, "training_rms_after_rad": 0.00321}
         plan = PlannedTrial(trial.index, report.alpha, Movement(report.duration_s))
-        row = TrialRow(plan=plan, report=report, bag=bag.name, wall_s=1.25)
-        learns = trial.outcome == Outcome.COMPLETED
-        summary.add(replace(row, grown=trial.grown, **learned) if learns else row)
+        learned = TrainingOutcome(0.04321, 0.00321, math.nan, tuple(trial.grown))
+        training = learned if trial.outcome == Outcome.COMPLETED else None
+        summary.add(TrialRow.of(PractisedTrial(plan, report, bag, training), bag.name, 1.25))
     summary.end(outcome, message)
     return folder

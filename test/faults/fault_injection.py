@@ -150,13 +150,13 @@ class Injection:
         expects = kind.expectation(fault.parameters)
         trial = self._bag(row)
         row.trial = self._trial
-        completed = trial is not None and trial.outcome == Outcome.COMPLETED
-        row.outcome = trial.outcome.name.lower() if trial else "no bag"
-        said = " ".join(filter(None, [trial.message if trial else "", row.message]))
+        completed = trial is not None and trial.report.outcome == Outcome.COMPLETED
+        row.outcome = trial.report.outcome.text if trial else "no bag"
+        said = " ".join(filter(None, [trial.report.message if trial else "", row.message]))
         if kind.name == "kill_tel":
             # Of a trial that had come to its end before, the controller has nothing to say.
             said = f"{self._graph.log('ep_controller')} {row.outcome}"
-        row.message = row.message or (trial.message if trial else "")
+        row.message = row.message or (trial.report.message if trial else "")
         self._check_message(kind, row, said, completed)
         trace = self._tap.trace(self._fault_wall_s - 1.0)
         row.stall_s = round(self._stall_s(fault, expects), 3)

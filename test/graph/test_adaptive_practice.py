@@ -10,7 +10,7 @@ from graph_harness import ROOT, TelProcess, summary_of
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.run_theory import run_theory
 from tel_ros.app.report.data import read_run
-from tel_ros.core.practice.decisions import Ending
+from tel_ros.core.practice.strategy import Ending
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network

@@ -60,7 +60,7 @@ def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel
     for row in rows:
         assert row["timing"] is None  # in lockstep how long a tick took says nothing
         trial = read_trial(run.folder / row["bag"])
-        assert trial.timing is None
+        assert trial.report.timing is None
         error = trial.position_rad[trial.run] - trial.desired[trial.run, :2]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row["rms_error_rad"], rel=1e-9)
         assert len(trial.time_ns) == row["ticks"]
@@ -100,14 +100,14 @@ def test_the_same_graph_runs_in_real_time(tel: Tel) -> None:
     assert code == 0, err
     assert row["outcome"] == "completed"
     trial = read_trial(run.folder / row["bag"])
-    assert trial.timing is not None
-    assert row["timing"] == dataclasses.asdict(trial.timing)
+    assert trial.report.timing is not None
+    assert row["timing"] == dataclasses.asdict(trial.report.timing)
     # As many periods as the stamps say have gone by, answered or missed, and no more arrived than there were.
     periods = round((trial.time_ns[-1] - trial.time_ns[0]) / PERIOD_NS) + 1
-    assert row["ticks"] + trial.timing.missed_ticks == periods
-    assert 0.0 < trial.timing.response_p99_s <= trial.timing.response_max_s
+    assert row["ticks"] + trial.report.timing.missed_ticks == periods
+    assert 0.0 < trial.report.timing.response_p99_s <= trial.report.timing.response_max_s
     moved_s = (trial.time_ns[trial.run][-1] - trial.time_ns[trial.run][0]) * 1e-9
-    assert moved_s == pytest.approx(3.0, abs=0.05 + trial.timing.jitter_max_s)
+    assert moved_s == pytest.approx(3.0, abs=0.05 + trial.report.timing.jitter_max_s)
 
 
 @pytest.mark.parametrize("victim", NODES)
@@ -121,9 +121,9 @@ def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel
     assert code == 3
     assert f"node {victim} was killed by SIGKILL" in err
     assert run.left_behind() == []
-    assert read_trial(run.folder / "trial_001").index == 1
+    assert read_trial(run.folder / "trial_001").report.index == 1
     unfinished = run.folder / "trial_002"
-    assert not unfinished.exists() or read_trial(unfinished).outcome != Outcome.COMPLETED
+    assert not unfinished.exists() or read_trial(unfinished).report.outcome != Outcome.COMPLETED
 
 
 def test_an_interrupted_run_brings_the_arm_to_rest_and_ends_every_process(tel: Tel) -> None:

@@ -22,7 +22,7 @@ from tel_lab.sweep.sweep import SweepFolder
 from tel_lab.sweep.sweep_command import sweep
 from tel_lab.workers import Workforce, has_ray
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.practice.decisions import PlannedTrial
+from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.recording.config_file import load_config
 
 # Seconds on an idle machine; workers load the physics anew, which takes its time on a busy one.
@@ -155,8 +155,9 @@ def test_an_interrupted_sweep_says_how_far_it_came_and_leaves_a_table_of_that(
 
 
 def test_a_run_that_breaks_off_keeps_what_its_trials_gave(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tel_lab.offline import OfflinePractice, PractisedTrial
+    from tel_lab.offline import OfflinePractice
     from tel_ros.core.errors import TrainingError
+    from tel_ros.core.practice.session import PractisedTrial
 
     whole = OfflinePractice.run_trial
 

@@ -11,7 +11,7 @@ import pytest
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
-from tel_ros.core.learning.signals import configured_samples
+from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
@@ -46,9 +46,10 @@ def practise(*overrides: str) -> Judged:
     monitor, judged = LockUpMonitor(TOLERANCE_RAD), Judged([], [], [])
     for trial in done:
         assert trial.training is not None
-        signals, report = trial.trial.signals, trial.trial.report
+        signals, report = learning_record(trial.trial), trial.trial.report
         samples = configured_samples(signals, config.learning)
-        given = (report.alpha, report.duration_s, signals, samples, before, trial.learner)
+        after = practice.learner_after(trial.plan.index)
+        given = (report.alpha, report.duration_s, signals, samples, before, after)
         judged.fitted.append(fitted.after_trial(*given))
         judged.true.append(true.after_trial(*given))
         judged.messages.append(
@@ -59,7 +60,7 @@ def practise(*overrides: str) -> Judged:
                 trial.training.rms_after_rad,
             )
         )
-        before = trial.learner
+        before = after
     return judged
 
 

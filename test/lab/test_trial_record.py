@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflineArm, OfflineTrial
+from tel_lab.offline import OfflineArm
 from tel_lab.trial_record import duration_at_effort_share, effort_share, excursion_rad
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trajectories.trajectory import sample
-from tel_ros.core.trial import Outcome, Phase, TrialGoal
+from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal
 from tel_ros.recording.config_file import load_config
 
 ROOT = Path(__file__).parents[2]
@@ -22,14 +22,14 @@ PATH = NAMED_PATHS["planar_loops"]
 
 
 @pytest.fixture(scope="module")
-def aborted() -> OfflineTrial:
+def aborted() -> Trial:
     """A trial without learning that leaves its narrow path tolerance."""
     desired = sample(PATH, 4.5, CONFIG.control.rate_hz)
     with OfflineArm(CONFIG) as arm:
         return arm.run_trial(TrialGoal(1, 1.0, desired, desired.position_rad))
 
 
-def test_an_arm_that_runs_away_while_it_brakes_has_a_larger_excursion(aborted: OfflineTrial) -> None:
+def test_an_arm_that_runs_away_while_it_brakes_has_a_larger_excursion(aborted: Trial) -> None:
     assert aborted.report.outcome == Outcome.ABORTED
     last = np.flatnonzero(aborted.phase == Phase.RUN)[-1]
     position_rad = aborted.position_rad.copy()
@@ -39,7 +39,7 @@ def test_an_arm_that_runs_away_while_it_brakes_has_a_larger_excursion(aborted: O
     assert excursion_rad(replace(aborted, position_rad=position_rad)) == pytest.approx(2.5)
 
 
-def test_the_excursion_of_a_trial_that_only_ran_is_its_largest_error(aborted: OfflineTrial) -> None:
+def test_the_excursion_of_a_trial_that_only_ran_is_its_largest_error(aborted: Trial) -> None:
     run = aborted.phase == Phase.RUN
     only_run = replace(
         aborted,

@@ -15,7 +15,7 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import timing_fields
 
 JOINTS = ("shoulder", "elbow")
 PERIOD_NS = 2_000_000

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tel_ros.recording.bag_format import to_cdr, typestore
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import timing_fields
 
 GOAL = "tel_interfaces/msg/TrialGoal"
 RESULT = "tel_interfaces/msg/TrialResult"

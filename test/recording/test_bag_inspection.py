@@ -37,14 +37,14 @@ def test_a_trial_is_told_with_its_result_its_topics_and_what_was_stored_with_it(
     assert states.longest_gap_s == pytest.approx(0.002)
     assert (goal.found, goal.latched, math.isnan(goal.rate_hz)) == (1, True, True)
     assert found.trial is not None
-    assert (found.trial.index, found.trial.outcome, found.trial.joints) == (3, "completed", JOINTS)
+    assert (found.trial.index, found.trial.outcome.text, found.joints) == (3, "completed", JOINTS)
     assert (found.trial.ticks, found.trial.duration_s, found.trial.rms_error_rad) == (trial.n, 9.0, 0.1)
 
 
 def test_a_trial_that_was_aborted_says_why(tmp_path: Path) -> None:
     found = inspect_bag(SyntheticTrial(outcome=1, message="elbow is off").write(tmp_path / "bag")).trial
     assert found is not None
-    assert (found.outcome, found.message) == ("aborted", "elbow is off")
+    assert (found.outcome.text, found.message) == ("aborted", "elbow is off")
 
 
 @pytest.mark.parametrize(("storage", "name"), [(MCAP, "mcap"), (SQLITE3, "sqlite3")])

@@ -83,7 +83,7 @@ def test_a_bag_has_no_name_before_it_is_closed(tmp_path: Path, trial: SyntheticT
     with pytest.raises(BagError, match="never closed"):
         read_trial(tmp_path / UNFINISHED / "trial_001")
     writer.close()
-    assert read_trial(bag).index == 3
+    assert read_trial(bag).report.index == 3
 
 
 def test_a_bag_that_an_error_interrupts_stays_among_the_unfinished(
@@ -137,5 +137,5 @@ def test_a_bag_that_cannot_get_its_name_is_not_taken_for_closed(
     (bag / "in_the_way").touch()
     with pytest.raises(BagError, match="trial_001: could not be closed .*; expected room on the disk"):
         writer.close()
-    assert read_trial(tmp_path / UNFINISHED / "trial_001").index == 3
+    assert read_trial(tmp_path / UNFINISHED / "trial_001").report.index == 3
     assert [path.name for path in bag.iterdir()] == ["in_the_way"]

@@ -258,7 +258,7 @@ def test_an_unknown_key_of_the_arm_is_blamed_on_the_file_of_the_arm(config_folde
         (
             "trials: 3",
             "strategy: fast",
-            "practice.strategy is 'fast'; expected 'trajectory_extension' or 'adaptive_extension' or ",
+            "practice.strategy is 'fast'; expected one of adaptive_extension, direct, subtasks, ",
         ),
         (
             "path_tolerance_rad: 0.8",

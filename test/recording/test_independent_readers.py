@@ -80,7 +80,7 @@ def test_another_reader_finds_the_same_values(stored: tuple[str, Path]) -> None:
     messages = list(READERS[storage](bag))
     ours = read_trial(bag)
     control = [m for topic, *_, m in messages if topic == f"/{topics.CONTROL_STATES}"]
-    states = [state for state in control if state.trial == ours.index]
+    states = [state for state in control if state.trial == ours.report.index]
     for name in ("position_rad", "velocity_rad_s", "equilibrium_rad", "effort_nm", "saturated"):
         np.testing.assert_array_equal([getattr(state, name) for state in states], getattr(ours, name))
     stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in states]
@@ -90,7 +90,7 @@ def test_another_reader_finds_the_same_values(stored: tuple[str, Path]) -> None:
     (goal,) = (m for topic, *_, m in messages if topic == f"/{topics.TRIAL_GOAL}")
     (result,) = (m for topic, *_, m in messages if topic == f"/{topics.TRIAL_RESULT}")
     assert (goal.trial, result.index, result.ticks) == (3, 3, len(ours.time_ns))
-    assert result.duration_s == ours.duration_s
+    assert result.duration_s == ours.report.duration_s
 
 
 def test_a_checker_of_bags_finds_the_announced_messages_at_the_same_times(

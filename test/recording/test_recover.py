@@ -146,8 +146,8 @@ def test_who_asks_for_it_can_look_at_what_was_recovered(
     n = len(found.time_ns)
     assert 80 <= n <= 100
     np.testing.assert_array_equal(found.position_rad, trial.values["position_rad"][:n])
-    assert (found.index, found.outcome) == (3, Outcome.ABORTED)
-    assert "recording has no end" in found.message
+    assert (found.report.index, found.report.outcome) == (3, Outcome.ABORTED)
+    assert "recording has no end" in found.report.message
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -164,7 +164,7 @@ def test_even_a_recording_that_only_lacked_its_name_is_marked(
     assert sorted(contents(found.bag)) == sorted(trial.messages())
     with pytest.raises(BagError, match="was recovered after a crash"):
         read_trial(found.bag)
-    assert read_trial(found.bag, recovered=True).outcome == Outcome.COMPLETED
+    assert read_trial(found.bag, recovered=True).report.outcome == Outcome.COMPLETED
 
 
 def test_the_recording_stays_as_it_is_and_nothing_is_overwritten(

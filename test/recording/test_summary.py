@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from tel_ros.core.config import Config
-from tel_ros.core.practice.decisions import Movement, PlannedTrial
+from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.practice.session import PractisedTrial
+from tel_ros.core.practice.strategy import Movement, PlannedTrial
 from tel_ros.core.trial import LoopTiming, Outcome, TrialReport
 from tel_ros.recording.config_file import to_plain
-from tel_ros.recording.run_folder import read_summary
+from tel_ros.recording.run_folder import json_ready, read_summary
 from tel_ros.recording.summary import RunSummary, TrialRow
 
 RUN_KEYS = {"run", "config", "outcome", "trials"}
@@ -57,6 +59,11 @@ def plan(index: int = 1) -> PlannedTrial:
     return PlannedTrial(index, 0.5, Movement(9.0), go_back_to=2, reason="a try")
 
 
+def row(trial: TrialReport, training: TrainingOutcome | None = None, bag: str = "trial_001") -> TrialRow:
+    done = PractisedTrial(plan(trial.index), trial, None, training)
+    return TrialRow.of(done, bag, 3.5)
+
+
 @pytest.fixture
 def summary(tmp_path: Path, config: Config) -> RunSummary:
     """Of a run in a folder ``monday``."""
@@ -67,7 +74,7 @@ def summary(tmp_path: Path, config: Config) -> RunSummary:
 def test_a_summary_has_the_keys_that_scripts_rely_on(
     summary: RunSummary, tmp_path: Path, config: Config
 ) -> None:
-    summary.add(TrialRow(plan(), report(), "trial_001", 3.5, 0.4, 0.1, 0.2, ["elbow: subtree 1"]))
+    summary.add(row(report(), TrainingOutcome(0.4, 0.1, 0.2, ("elbow: subtree 1",))))
     found = read_summary(tmp_path / "monday")
     assert set(found) >= RUN_KEYS
     assert found["run"] == "monday"
@@ -85,14 +92,14 @@ def test_a_summary_has_the_keys_that_scripts_rely_on(
 
 def test_it_is_on_the_disk_after_each_trial(summary: RunSummary, tmp_path: Path) -> None:
     for index in (1, 2, 3):
-        summary.add(TrialRow(plan(index), report(index), f"trial_{index:03d}", 1.0))
+        summary.add(row(report(index), bag=f"trial_{index:03d}"))
         found = read_summary(tmp_path / "monday")
         assert [trial["index"] for trial in found["trials"]] == list(range(1, index + 1))
         assert found["outcome"] == "running"
 
 
 def test_the_end_of_a_run_is_written_too(summary: RunSummary, tmp_path: Path) -> None:
-    summary.add(TrialRow(plan(), report(), "trial_001", 1.0))
+    summary.add(row(report()))
     summary.end("aborted", "trial 2 was aborted")
     found = read_summary(tmp_path / "monday")
     assert (found["outcome"], found["message"]) == ("aborted", "trial 2 was aborted")
@@ -102,12 +109,12 @@ def test_the_end_of_a_run_is_written_too(summary: RunSummary, tmp_path: Path) ->
 def test_a_trial_without_a_run_and_without_training_has_null_for_their_numbers(
     summary: RunSummary, tmp_path: Path
 ) -> None:
-    summary.add(TrialRow(plan(), report(outcome=Outcome.ABORTED, error_rad=float("nan")), None, 1.0))
+    summary.add(row(report(outcome=Outcome.ABORTED, error_rad=float("nan"))))
     (trial,) = read_summary(tmp_path / "monday")["trials"]
     assert trial["rms_error_rad"] is None
     assert trial["rms_error_per_joint_rad"] == [None, 0.05]
     assert trial["training_rms_before_rad"] is trial["training_rms_after_rad"] is None
-    assert (trial["outcome"], trial["message"], trial["bag"]) == ("aborted", "elbow is off", None)
+    assert (trial["outcome"], trial["message"], trial["bag"]) == ("aborted", "elbow is off", "trial_001")
 
 
 def test_a_run_that_failed_before_its_first_trial_has_a_summary(summary: RunSummary, tmp_path: Path) -> None:
@@ -130,8 +137,25 @@ def test_the_loops_figures_stand_in_the_summary_only_where_they_were_measured(
         missed_ticks=2,
         warning="a state was late",
     )
-    summary.add(TrialRow(plan(1), report(1), "trial_001", 3.5))
-    summary.add(TrialRow(plan(2), replace(report(2), timing=timing), "trial_002", 3.5))
+    summary.add(row(report(1)))
+    summary.add(row(replace(report(2), timing=timing)))
     first, second = (trial["timing"] for trial in read_summary(tmp_path / "monday")["trials"])
     assert first is None
     assert second == {**asdict(timing), "stamp_rate_hz": None}
+
+
+def test_a_row_comes_back_from_the_summary_as_it_was(summary: RunSummary, tmp_path: Path) -> None:
+    written = row(report(), TrainingOutcome(0.4, 0.1, 0.2, ("elbow: subtree 1",)))
+    summary.add(written)
+    (values,) = read_summary(tmp_path / "monday")["trials"]
+    found = TrialRow.from_plain(values)
+    assert json_ready(found.to_plain()) == json_ready(written.to_plain())
+    assert (found.outcome, found.grown) == (Outcome.COMPLETED, ("elbow: subtree 1",))
+
+
+def test_a_row_of_an_earlier_version_lacks_what_came_later_but_not_what_always_was(config: Config) -> None:
+    values = row(report()).to_plain()
+    older = {key: value for key, value in values.items() if key not in ("reason", "warning", "timing")}
+    assert TrialRow.from_plain(older).warning == ""
+    with pytest.raises(KeyError, match="rms_error_rad"):
+        TrialRow.from_plain({key: value for key, value in values.items() if key != "rms_error_rad"})

@@ -14,6 +14,7 @@ from synthetic_trial import JOINTS, METADATA, SyntheticTrial
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError
+from tel_ros.core.learning.signals import learning_record
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording import topics
@@ -51,14 +52,23 @@ def test_a_trial_comes_back_bit_by_bit(trial_bag: Path, trial: SyntheticTrial) -
     np.testing.assert_array_equal(found.time_ns, trial.time_ns[:n])
     np.testing.assert_array_equal(found.phase, trial.phase[:n])
     np.testing.assert_array_equal(found.saturated, trial.saturated[:n])
-    assert (found.bag, found.joints, found.index, found.duration_s) == (trial_bag, JOINTS, 3, 9.0)
-    assert (found.outcome, found.message, dict(found.metadata)) == (Outcome.COMPLETED, "", METADATA)
+    assert (found.bag, found.joints, found.report.index, found.report.duration_s) == (
+        trial_bag,
+        JOINTS,
+        3,
+        9.0,
+    )
+    assert (found.report.outcome, found.report.message, dict(found.metadata)) == (
+        Outcome.COMPLETED,
+        "",
+        METADATA,
+    )
 
 
 def test_an_aborted_trial_says_so(tmp_path: Path) -> None:
     bag = SyntheticTrial(outcome=1, message="elbow is off").write(tmp_path / "bag")
     found = read_trial(bag)
-    assert (found.outcome, found.message) == (Outcome.ABORTED, "elbow is off")
+    assert (found.report.outcome, found.report.message) == (Outcome.ABORTED, "elbow is off")
 
 
 def test_time_counts_from_the_first_tick_of_run(trial_bag: Path, trial: SyntheticTrial) -> None:
@@ -69,7 +79,7 @@ def test_time_counts_from_the_first_tick_of_run(trial_bag: Path, trial: Syntheti
 
 
 def test_the_signals_leave_out_the_way_to_the_start(trial_bag: Path, trial: SyntheticTrial) -> None:
-    signals = read_trial(trial_bag).signals()
+    signals = learning_record(read_trial(trial_bag))
     kept = trial.phase[: trial.n] != Phase.APPROACH
     np.testing.assert_array_equal(signals.time_ns, trial.time_ns[: trial.n][kept])
     np.testing.assert_array_equal(signals.position_rad, trial.values["position_rad"][: trial.n][kept])
@@ -154,7 +164,7 @@ def test_the_springs_of_a_trial_come_back_and_what_they_did_is_learned(
     )
     k, b = configured.stiffness_nm_per_rad, configured.damping_nms_per_rad
     exerted = 4.0 * k * (u - q) - 2.0 * b * v
-    np.testing.assert_allclose(found.signals().equilibrium_rad, q + (exerted + b * v) / k, atol=1e-12)
+    np.testing.assert_allclose(learning_record(found).equilibrium_rad, q + (exerted + b * v) / k, atol=1e-12)
     np.testing.assert_array_equal(found.equilibrium_rad, trial.values["equilibrium_rad"][: trial.n])
 
 
@@ -269,7 +279,7 @@ def test_a_damaged_bag_without_checksums_raises_nothing_but_the_error_of_a_bag(
 
 def test_a_bag_of_a_recorder_that_writes_no_checksums_is_read(trial_bag: Path) -> None:
     (trial_bag / CHECKSUMS).unlink()
-    assert read_trial(trial_bag).index == 3
+    assert read_trial(trial_bag).report.index == 3
 
 
 @pytest.mark.parametrize("text", ["words", "0123  elsewhere.mcap", "\x00"])
@@ -345,7 +355,7 @@ def test_a_bag_of_another_trial_only_is_refused(tmp_path: Path, trial: Synthetic
 
 def test_a_trial_that_was_aborted_before_its_first_tick_has_a_whole_bag_without_any(tmp_path: Path) -> None:
     aborted = read_trial(SyntheticTrial(n=0, outcome=int(Outcome.ABORTED)).write(tmp_path / "bag"))
-    assert aborted.outcome == Outcome.ABORTED
+    assert aborted.report.outcome == Outcome.ABORTED
     assert aborted.position_rad.shape == aborted.saturated.shape == (0, 2)
     assert aborted.desired.shape == (0, 6)
     assert aborted.time_s.shape == (0,)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from array import array
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,31 +16,54 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from synthetic_trial import message, stamp  # noqa: E402
 
 from sim_bridge.arm import ArmReading  # noqa: E402
-from tel_lab.offline import OfflinePractice, PractisedTrial  # noqa: E402
+from tel_lab.offline import OfflineArm  # noqa: E402
 from tel_ros.core.config import Config  # noqa: E402
-from tel_ros.core.practice.decisions import PlannedTrial  # noqa: E402
-from tel_ros.core.practice.lock_up import LockUpMonitor  # noqa: E402
-from tel_ros.core.practice.movement_path import command, desired_trajectory  # noqa: E402
-from tel_ros.core.practice.strategy import make_strategy  # noqa: E402
+from tel_ros.core.practice.session import CommandedTrial, PracticeSession  # noqa: E402
+from tel_ros.core.practice.strategies import make_strategy  # noqa: E402
+from tel_ros.core.practice.strategy import PlannedTrial  # noqa: E402
 from tel_ros.core.springs import Springs  # noqa: E402
+from tel_ros.core.trial import Trial, TrialGoal, TrialReport  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.bag_format import typestore  # noqa: E402
 from tel_ros.recording.bag_writer import TrialBagWriter  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
-from tel_ros.recording.earlier_trials import NetworkForecast  # noqa: E402
 from tel_ros.recording.network_file import load_network, revision, save_network  # noqa: E402
 from tel_ros.recording.new_network import new_network  # noqa: E402
+from tel_ros.recording.resumption import RecordedNetwork  # noqa: E402
 from tel_ros.recording.run_folder import (  # noqa: E402
     CONFIG_FILE,
-    NETWORK_FILE,
     create_run_folder,
     network_after,
+    publish_network,
     trial_bag,
 )
 from tel_ros.recording.summary import RunSummary, TrialRow  # noqa: E402
-from tel_ros.recording.trial_metadata import trial_metadata  # noqa: E402
-from tel_ros.recording.trial_timing import timing_fields  # noqa: E402
+from tel_ros.recording.trial_bag import trial_metadata  # noqa: E402
+from tel_ros.recording.trial_result import result_fields  # noqa: E402
 from tel_ros.recording.waypoint_file import load_known_path, load_path  # noqa: E402
+
+
+@dataclass
+class RecordingArm:
+    """An arm whose trials are read back from the bags that it writes."""
+
+    arm: OfflineArm
+    folder: Path
+    config: Config
+    written: Config
+    network: RecordedNetwork
+
+    def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Path]:
+        """Execute and record a trial."""
+        trial = self.arm.run_trial(commanded.goal)
+        bag = trial_bag(self.folder, commanded.plan.index)
+        before = load_network(network_after(self.folder, self.network.after))
+        metadata = trial_metadata(commanded.plan, self.config, self.written, revision(before))
+        with TrialBagWriter(bag, metadata, self.config.recording) as writer:
+            end = self.arm.plant.reading()
+            for topic, time_ns, data in _messages(commanded.goal, trial, self.config, end):
+                writer.write(topic, time_ns, data)
+        return trial.report, bag
 
 
 def record_run(folder: Path, config: Config) -> Config:
@@ -47,54 +72,23 @@ def record_run(folder: Path, config: Config) -> Config:
     config = load_config(folder / CONFIG_FILE)
     path, known = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
     save_network(new_network(config), network_after(folder, 0))
-    strategy, last = make_strategy(config), None
-    forecast = NetworkForecast(folder, config)
-    lock_up = LockUpMonitor(config.practice.tolerance_rad)
-    summary = RunSummary(folder, written)
-    with OfflinePractice(config, path, new_network(config), known) as practice:
-        while isinstance(plan := strategy.next(last, forecast), PlannedTrial):
-            if plan.go_back_to is not None:
-                practice.learner = load_network(network_after(folder, plan.go_back_to))
-            before = practice.learner
-            done = practice.run_trial(plan)
-            last = done.trial.report
-            desired = desired_trajectory(path, known, plan.movement, config.control.rate_hz)
-            asked = command(config.arm, plan.movement, desired, desired.position_rad)
-            springs = asked.springs or Springs.of(config.arm)
-            bag = trial_bag(folder, plan.index)
-            metadata = trial_metadata(plan, config, written, revision(before))
-            with TrialBagWriter(bag, metadata, config.recording) as writer:
-                for topic, time_ns, data in _messages(done, config, springs, practice.arm.plant.reading()):
-                    writer.write(topic, time_ns, data)
-            summary.add(_row(done, bag, lock_up))
+    summary, network = RunSummary(folder, written), RecordedNetwork(folder, config)
+    with OfflineArm(config) as plant:
+        arm = RecordingArm(plant, folder, config, written, network)
+        session = PracticeSession(config, path, known, make_strategy(config), arm, network)
+        while isinstance(plan := session.next(), PlannedTrial):
+            done = session.run_trial(plan)
+            summary.add(TrialRow.of(done, done.trial.name, 1.0))
             if done.training is not None:
-                save_network(done.learner, network_after(folder, plan.index))
-                save_network(done.learner, folder / NETWORK_FILE)
-                forecast.after = plan.index
+                publish_network(folder, plan.index)
     summary.end(plan.outcome, plan.message)
     return config
 
 
-def _row(done: PractisedTrial, bag: Path, lock_up: LockUpMonitor) -> TrialRow:
-    row = TrialRow(plan=done.plan, report=done.trial.report, bag=bag.name, wall_s=1.0)
-    if done.training is not None:
-        row.training_rms_before_rad = done.training.rms_before_rad
-        row.training_rms_after_rad = done.training.rms_after_rad
-        row.rms_command_change_rad = done.training.rms_command_change_rad
-        row.grown = list(done.training.grown)
-        row.warning = lock_up.after_trial(
-            done.plan.alpha,
-            row.report.rms_error_rad,
-            row.training_rms_before_rad,
-            row.training_rms_after_rad,
-        )
-    return row
-
-
 def _messages(
-    done: PractisedTrial, config: Config, springs: Springs, end: ArmReading
+    goal: TrialGoal, trial: Trial, config: Config, end: ArmReading
 ) -> Iterator[tuple[str, int, bytes]]:
-    trial, joints = done.trial, config.arm.joints
+    joints = config.arm.joints
     interface = config.arm.command_interface
     commands = trial.effort_nm if interface == "effort" else trial.equilibrium_rad
     for k, time_ns in enumerate(trial.time_ns.tolist()):
@@ -112,7 +106,7 @@ def _messages(
             "tel_interfaces/msg/ControlState",
             time_ns,
             header=_header(time_ns),
-            trial=done.plan.index,
+            trial=goal.index,
             phase=int(trial.phase[k]),
             time_from_start_s=0.0,
             desired_position_rad=position,
@@ -125,16 +119,17 @@ def _messages(
             saturated=trial.saturated[k],
         )
     yield _joint_state(joints, end.time_ns, np.array(end.position_rad), np.array(end.velocity_rad_s))
-    yield _goal(done, joints, springs)
-    yield _result(done, joints)
+    yield _goal(goal, trial.report, joints, goal.springs or Springs.of(config.arm))
+    yield _result(trial.report, joints)
 
 
-def _goal(done: PractisedTrial, joints: tuple[str, ...], springs: Springs) -> tuple[str, int, bytes]:
-    goal = done.goal
+def _goal(
+    goal: TrialGoal, report: TrialReport, joints: tuple[str, ...], springs: Springs
+) -> tuple[str, int, bytes]:
     return _serialised(
         topics.TRIAL_GOAL,
         "tel_interfaces/msg/TrialGoal",
-        done.trial.report.run_ns or done.trial.report.start_ns,
+        report.run_ns or report.start_ns,
         trial=goal.index,
         alpha=goal.alpha,
         joint_names=list(joints),
@@ -149,28 +144,12 @@ def _goal(done: PractisedTrial, joints: tuple[str, ...], springs: Springs) -> tu
     )
 
 
-def _result(done: PractisedTrial, joints: tuple[str, ...]) -> tuple[str, int, bytes]:
-    report = done.trial.report
+def _result(report: TrialReport, joints: tuple[str, ...]) -> tuple[str, int, bytes]:
+    fields = result_fields(report, stamp)
+    arrays = {key: np.array(value) for key, value in fields.items() if isinstance(value, array)}
+    kind = "tel_interfaces/msg/TrialResult"
     return _serialised(
-        topics.TRIAL_RESULT,
-        "tel_interfaces/msg/TrialResult",
-        report.end_ns,
-        index=report.index,
-        outcome=int(report.outcome),
-        message=report.message,
-        alpha=report.alpha,
-        duration_s=report.duration_s,
-        start_stamp=stamp(report.start_ns),
-        run_stamp=stamp(report.run_ns),
-        end_stamp=stamp(report.end_ns),
-        ticks=report.ticks,
-        joint_names=list(joints),
-        rms_error_rad=report.rms_error_rad,
-        rms_error_per_joint_rad=report.rms_error_per_joint_rad,
-        max_error_rad=report.max_error_rad,
-        max_effort_nm=report.max_effort_nm,
-        saturated_ratio=report.saturated_ratio,
-        **timing_fields(None),
+        topics.TRIAL_RESULT, kind, report.end_ns, joint_names=list(joints), **{**fields, **arrays}
     )
 
 

@@ -10,9 +10,10 @@ import pytest
 
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.drive import PositionDrive
-from tel_lab.offline import OfflineArm, OfflinePractice, PractisedTrial
+from tel_lab.offline import OfflineArm, OfflinePractice
+from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.trajectories.trajectory import sample
-from tel_ros.core.trial import Outcome, Phase, TrialGoal
+from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
@@ -23,7 +24,7 @@ POSITION = {"command_interface": "position"}
 MakeArm = Callable[..., SimulatedArm]
 
 
-def practised(name: str, *overrides: str) -> list[PractisedTrial]:
+def practised(name: str, *overrides: str) -> list[PractisedTrial[Trial]]:
     """Return two trials, the second one faster, that a rigid-body learner has practised."""
     config = load_config(
         CONFIG / f"{name}.yaml",

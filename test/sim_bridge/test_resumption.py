@@ -16,12 +16,11 @@ from sim_bridge.arm import SimulatedArm
 from sim_bridge.resuming import replay_arm
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
-from tel_ros.core.practice.decisions import Ending, PlannedTrial
+from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.earlier_trials import earlier_trials
-from tel_ros.recording.resumption import prepare_to_resume, resumed_config
+from tel_ros.recording.resumption import earlier_trials, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import (
     NETWORK_FILE,
     SUMMARY_FILE,
@@ -109,7 +108,7 @@ def test_the_strategy_goes_on_with_what_it_had_decided(
 ) -> None:
     run = interrupted(bags, bags)
     earlier = earlier_trials(run, resumed_config(run))
-    plan = earlier.strategy.next(earlier.last, earlier.forecast)
+    plan = earlier.session.next()
     assert isinstance(plan, PlannedTrial)
     expected = rows_of(whole)[bags]
     assert (plan.index, plan.alpha, plan.reason) == (
@@ -199,7 +198,7 @@ def test_a_run_whose_last_lesson_was_interrupted_is_not_finished(
     prepare_to_resume(run, resumed_config(run))
     assert (run / NETWORK_FILE).read_bytes() == (whole / NETWORK_FILE).read_bytes()
     earlier = earlier_trials(run, resumed_config(run))
-    assert isinstance(earlier.strategy.next(earlier.last, earlier.forecast), Ending)
+    assert isinstance(earlier.session.next(), Ending)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from rich.table import Table
 
 from tel_ros.app.report.text import seconds, significant
 from tel_ros.app.tables import simple_table
+from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording.bag_inspection import InspectedBag, InspectedTrial
+from tel_ros.recording.bag_inspection import InspectedBag
 from tel_ros.recording.run_folder import json_ready
 
 _TIMES_OF_DAY_NS = 1_000_000_000 * NS_PER_S
@@ -23,15 +24,15 @@ _LONGEST = 120
 
 def plain(bag: InspectedBag) -> dict[str, Any]:
     """Return everything that is known of a bag, ready for JSON."""
-    ready: dict[str, Any] = json_ready(
-        asdict(bag)
-        | {
-            "path": str(bag.path),
-            "wholeness": bag.wholeness.name.lower(),
-            "is_good": bag.wholeness.is_good,
-            "n_messages": bag.n_messages,
-        }
-    )
+    values = asdict(bag) | {
+        "path": str(bag.path),
+        "wholeness": bag.wholeness.name.lower(),
+        "is_good": bag.wholeness.is_good,
+        "n_messages": bag.n_messages,
+        "trial": bag.trial and {**bag.trial.to_plain(), "joints": bag.joints},
+    }
+    del values["joints"]
+    ready: dict[str, Any] = json_ready(values)
     return ready
 
 
@@ -46,7 +47,7 @@ def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
         yield "time", f"{bag.duration_s:.3f} s from {moment(bag.start_ns)}"
     if bag.trial is not None:
         yield "trial", trial_text(bag.trial)
-        yield "joints", ", ".join(bag.trial.joints)
+        yield "joints", ", ".join(bag.joints)
     versions = [
         f"{key.removeprefix('version.')} {value}"
         for key, value in sorted(bag.metadata.items())
@@ -83,17 +84,18 @@ def run_table(bags: Sequence[InspectedBag]) -> Table:
             size(bag.size_bytes),
             f"{bag.duration_s:.3f} s",
             f"{trial.index}" if trial else "–",
-            trial.outcome if trial else "–",
+            trial.outcome.text if trial else "–",
             significant(trial.rms_error_rad) if trial else "–",
         )
     return table
 
 
-def trial_text(trial: InspectedTrial) -> str:
+def trial_text(trial: TrialReport) -> str:
     """Return a line about a trial."""
     why = f" ({trial.message})" if trial.message else ""
     return (
-        f"{trial.index}, {trial.outcome}{why}: {seconds(trial.duration_s)}, α {significant(trial.alpha)}, "
+        f"{trial.index}, {trial.outcome.text}{why}: {seconds(trial.duration_s)}, "
+        f"α {significant(trial.alpha)}, "
         f"RMS error {significant(trial.rms_error_rad)} rad, at most {significant(trial.max_error_rad)} rad, "
         f"{trial.ticks} ticks"
     )

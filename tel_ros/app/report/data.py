@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,99 +13,22 @@ import numpy as np
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import SerialChain
-from tel_ros.core.trial import LoopTiming, Outcome
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
+from tel_ros.recording.summary import TrialRow
 from tel_ros.recording.trial_bag import RecordedTrial, check_bag, read_trial
-from tel_ros.recording.trial_timing import TIMING_FIELDS
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
 
 Item = TypeVar("Item")
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
-
-
-def _timing(values: Mapping[str, Any] | None) -> LoopTiming | None:
-    if values is None:
-        return None
-    numbers = {name: _number(values[name]) for name in TIMING_FIELDS}
-    return LoopTiming(**numbers, missed_ticks=int(values["missed_ticks"]), warning=str(values["warning"]))
-
-
-_READ = {
-    "int": int,
-    "int | None": lambda value: value,
-    "float": _number,
-    "str": lambda value: str(value or ""),
-    "tuple[float, ...]": lambda values: tuple(map(_number, values)),
-    "tuple[str, ...]": lambda values: tuple(map(str, values)),
-    "LoopTiming | None": _timing,
-}
-
-
-@dataclass(frozen=True)
-class TrialSummary:
-    """One row of ``summary.json``, keys as there; NaN where the row has no number."""
-
-    index: int
-    alpha: float
-    duration_s: float
-    rms_error_rad: float
-    rms_error_per_joint_rad: tuple[float, ...]
-    max_error_rad: float
-    max_effort_nm: tuple[float, ...]
-    saturated_ratio: float
-    rms_command_change_rad: float
-    training_rms_before_rad: float
-    training_rms_after_rad: float
-    grown: tuple[str, ...]
-    outcome: str
-    message: str
-    bag: str
-    wall_s: float
-    # Runs of earlier versions do not have these.
-    reason: str = ""
-    warning: str = ""
-    went_back_to: int | None = None
-    expected_rms_rad: float = math.nan
-    timing: LoopTiming | None = None
-
-    @classmethod
-    def of(cls, row: Mapping[str, Any]) -> TrialSummary:
-        """Read a row.
-
-        Raises:
-            KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
-        """
-        return cls(
-            **{each.name: _READ[each.type](row[each.name]) for each in fields(cls) if each.name in row}
-        )
-
-    @property
-    def completed(self) -> bool:
-        """Whether the trial ran to its end."""
-        return self.outcome == Outcome.COMPLETED.name.lower()
-
-    @property
-    def was_learned_from(self) -> bool:
-        """Whether the network was trained on it."""
-        return math.isfinite(self.training_rms_after_rad)
-
-    @property
-    def reached_run(self) -> bool:
-        """Whether the movement began: the error is measured in RUN alone."""
-        return math.isfinite(self.rms_error_rad)
 
 
 @dataclass(frozen=True)
 class DrawnTrial:
     """A trial whose curves are shown."""
 
-    summary: TrialSummary
+    summary: TrialRow
     recorded: RecordedTrial
 
     @property
@@ -149,9 +72,9 @@ class RunData:
     config: Config
     outcome: str
     message: str
-    trials: tuple[TrialSummary, ...]
+    trials: tuple[TrialRow, ...]
     drawn: tuple[DrawnTrial, ...]
-    drawable: tuple[TrialSummary, ...]
+    drawable: tuple[TrialRow, ...]
     notes: tuple[str, ...]
 
     @property
@@ -212,10 +135,10 @@ def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
     return found
 
 
-def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialSummary, ...]:
+def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialRow, ...]:
     expected = "the summary of a practice run"
     try:
-        trials = tuple(TrialSummary.of(row) for row in summary["trials"])
+        trials = tuple(TrialRow.from_plain(row) for row in summary["trials"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputFileError(file, f"not readable ({type(error).__name__}: {error})", expected) from error
     if not trials:
@@ -225,8 +148,8 @@ def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialSummary, ...]:
 
 
 def _drawn(
-    folder: Path, trials: Sequence[TrialSummary], joints: tuple[str, ...]
-) -> tuple[tuple[DrawnTrial, ...], tuple[TrialSummary, ...], list[str]]:
+    folder: Path, trials: Sequence[TrialRow], joints: tuple[str, ...]
+) -> tuple[tuple[DrawnTrial, ...], tuple[TrialRow, ...], list[str]]:
     """Read the bags of the trials to draw, taking others in place of those that cannot be read."""
     problems = {trial.index: why for trial in trials if (why := _problem(trial))}
     read: dict[int, RecordedTrial] = {}
@@ -253,11 +176,11 @@ def _drawn(
     )
 
 
-def _problem(trial: TrialSummary) -> str:
+def _problem(trial: TrialRow) -> str:
     """Return why a trial cannot be drawn, as far as its row tells; empty: it can."""
     if not trial.bag:
         return "it has no bag"
-    return "" if trial.reached_run else f"it was {trial.outcome} before the movement began"
+    return "" if trial.reached_run else f"it was {trial.outcome.text} before the movement began"
 
 
 def _read(bag: Path, joints: tuple[str, ...]) -> RecordedTrial:

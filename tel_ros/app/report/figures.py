@@ -37,7 +37,7 @@ from tel_ros.app.plotting import (
     mark_saturated,
     scale_errors,
 )
-from tel_ros.app.report.data import DrawnTrial, TrialSummary
+from tel_ros.app.report.data import DrawnTrial, TrialRow
 from tel_ros.app.report.text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import FloatArray
@@ -296,7 +296,7 @@ def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
     ]
 
 
-def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
+def practice_figure(trials: Sequence[TrialRow]) -> Figure:
     """Return tracking error, training error and duration over the trials of a run."""
     figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
     tracking, training, duration = figure.subplots(1, 3)
@@ -321,7 +321,7 @@ def practice_figure(trials: Sequence[TrialSummary]) -> Figure:
 
 def over_trials(
     axes: Axes,
-    trials: Sequence[TrialSummary],
+    trials: Sequence[TrialRow],
     series: Sequence[tuple[Sequence[float], str, str, str]],
     *,
     log: bool,

@@ -26,7 +26,7 @@ from tel_ros.app.plotting import (
     scale_errors,
 )
 from tel_ros.app.report import text
-from tel_ros.app.report.data import DrawnTrial, RunData, TrialSummary, read_run
+from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow, read_run
 from tel_ros.app.report.figures import hand_path_figure, movement_panels, movement_time, path_panels
 from tel_ros.app.report.page import Content, Section, block, write_page
 from tel_ros.core.errors import InputFileError
@@ -146,7 +146,7 @@ def write_runs_report(folders: Sequence[Path], out: Path, formats: Sequence[str]
     )
 
 
-def errors_figure(names: Sequence[str], trials: Sequence[Sequence[TrialSummary]]) -> Figure:
+def errors_figure(names: Sequence[str], trials: Sequence[Sequence[TrialRow]]) -> Figure:
     """Return the RMS error of several runs, over their trials and over the duration of the movement."""
     figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
     over_trials, over_durations = figure.subplots(1, 2, sharey=True)

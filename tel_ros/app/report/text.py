@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tel_ros.app.report.data import DrawnTrial, RunData, TrialSummary
+from tel_ros.app.report.data import DrawnTrial, RunData
+from tel_ros.recording.summary import TrialRow
 
 NOTHING = "–"
 
@@ -89,7 +90,7 @@ def result(run: RunData) -> str:
     )
 
 
-def _speed_up(first: TrialSummary, completed: Sequence[TrialSummary]) -> str:
+def _speed_up(first: TrialRow, completed: Sequence[TrialRow]) -> str:
     if len(completed) < 2:
         return ""
     shortest_s = min(trial.duration_s for trial in completed)
@@ -102,15 +103,15 @@ def _speed_up(first: TrialSummary, completed: Sequence[TrialSummary]) -> str:
     )
 
 
-def _error(trial: TrialSummary) -> str:
-    how = "" if trial.completed else f", {trial.outcome}"
+def _error(trial: TrialRow) -> str:
+    how = "" if trial.completed else f", {trial.outcome.text}"
     error = f"{significant(trial.rms_error_rad)}\N{NO-BREAK SPACE}rad"
     return f"{error} (trial {trial.index}, {seconds(trial.duration_s)}{how})"
 
 
-def trial_label(trial: TrialSummary) -> str:
+def trial_label(trial: TrialRow) -> str:
     """Return a trial's name for a legend or a title."""
-    return f"Trial {trial.index}" + ("" if trial.completed else f", {trial.outcome}")
+    return f"Trial {trial.index}" + ("" if trial.completed else f", {trial.outcome.text}")
 
 
 def path_caption(plane: str) -> str:
@@ -139,7 +140,7 @@ def tracking_caption(drawn: Sequence[DrawnTrial]) -> str:
     )
 
 
-def decision(trial: TrialSummary) -> str:
+def decision(trial: TrialRow) -> str:
     """Return why a trial was chosen, and with which network."""
     if trial.went_back_to is None:
         return trial.reason
@@ -147,7 +148,7 @@ def decision(trial: TrialSummary) -> str:
     return f"{trial.reason}, with {network}"
 
 
-def growth(trial: TrialSummary, joints: tuple[str, ...]) -> list[list[str]]:
+def growth(trial: TrialRow, joints: tuple[str, ...]) -> list[list[str]]:
     """Return what grew in one trial: a list for each joint's network, and one for everything else."""
     columns: list[list[str]] = [[] for _ in range(len(joints) + 1)]
     for item in trial.grown:

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import entry_points
+from typing import Any
 
 import numpy as np
 
-from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.learner import Learner, LearnerContext, LearnerKind, StoredLearner
 from tel_ros.core.learning.least_squares_learner import BASE, LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
 from tel_ros.core.learning.rigid_body import RigidBodyLearner
+from tel_ros.core.plugins import plugin
 
 GROUP = "tel_ros.learners"
 
@@ -94,24 +94,9 @@ def learner_kind(name: str) -> LearnerKind:
     Raises:
         ConfigError: the name is not known, or what an entry point names cannot be loaded.
     """
-    if name in OURS:
-        return OURS[name]
-    offered = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in offered:
-        known = ", ".join(sorted({*OURS, *offered}))
-        raise ConfigError(
-            "learning.name", name, f"one of {known}, or an installed entry point of the group {GROUP}"
-        )
-    point = offered[name]
-    try:
-        named = point.load()
-        kind: LearnerKind = named() if isinstance(named, type) else named
-    except Exception as error:  # whatever a foreign package raises
-        found = f"an entry point that loads ({point.value}: {' '.join(str(error).split())})"
-        raise ConfigError("learning.name", name, found) from error
-    missing = [method for method in ("new", "restored") if not callable(getattr(kind, method, None))]
-    if missing:
-        raise ConfigError(
-            "learning.name", name, f"an entry point with new and restored; {point.value} lacks {missing}"
-        )
+
+    def made(found: Any) -> Any:
+        return found() if isinstance(found, type) else found
+
+    kind: LearnerKind = plugin("learning.name", name, GROUP, OURS, ("new", "restored"), made)
     return kind

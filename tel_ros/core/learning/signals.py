@@ -20,7 +20,8 @@ from tel_ros.core.learning.noise import (
     sensor_noise,
     slides_throughout,
 )
-from tel_ros.core.trial import Phase
+from tel_ros.core.springs import learned_equilibrium
+from tel_ros.core.trial import Phase, Trial
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 _SHORTEST_RECORD = 50
@@ -54,31 +55,18 @@ class TrialSignals:
     saturated: BoolArray
 
 
-def learning_record(
-    *,
-    time_ns: IntArray,
-    phase: IntArray,
-    desired: FloatArray,
-    position_rad: FloatArray,
-    equilibrium_rad: FloatArray,
-    saturated: BoolArray,
-) -> TrialSignals:
+def learning_record(trial: Trial) -> TrialSignals:
     """Return what the network learns from: the ticks from the start posture on.
 
     A stop is not RUN, but belongs to the record: one that breaks off in mid-motion would leave the transient
     of the filter in RUN. So would the step from û to the command of the brake: û stays at its last value, as
     in HOLD. A stop after a jump of the stamps is left out.
-
-    Args:
-        time_ns: stamps of all ticks of a trial. Shape (n,).
-        phase: numbers of :class:`Phase`. Shape (n,).
-        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
-        position_rad: ŷ as measured. Shape (n, n_joints).
-        equilibrium_rad: what the springs pulled towards. Shape (n, n_joints).
-        saturated: whether the effort was clipped. Shape (n, n_joints).
     """
+    time_ns, phase = trial.time_ns, trial.phase
     rows = np.isin(phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
-    equilibrium_rad = equilibrium_rad.copy()
+    equilibrium_rad = learned_equilibrium(
+        trial.springs, trial.equilibrium_rad, trial.position_rad, trial.velocity_rad_s
+    ).copy()
     if rows.any():
         last = int(np.flatnonzero(rows)[-1])
         step_ns = np.diff(time_ns[last:])
@@ -88,10 +76,10 @@ def learning_record(
     return TrialSignals(
         time_ns=time_ns[rows],
         run=phase[rows] == Phase.RUN,
-        desired=desired[rows],
-        position_rad=position_rad[rows],
+        desired=trial.desired[rows],
+        position_rad=trial.position_rad[rows],
         equilibrium_rad=equilibrium_rad[rows],
-        saturated=saturated[rows],
+        saturated=trial.saturated[rows],
     )
 
 

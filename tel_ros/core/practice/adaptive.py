@@ -10,13 +10,13 @@ import numpy as np
 
 from tel_ros.core.config import ArmConfig, PracticeConfig
 from tel_ros.core.practice.course import Course
-from tel_ros.core.practice.decisions import Ending, Forecaster, Movement, PlannedTrial
-from tel_ros.core.practice.effort_limit import EffortLimit
+from tel_ros.core.practice.feasibility import EffortLimit
+from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial
 from tel_ros.core.trial import Outcome, TrialReport
 
 _BISECTIONS = 6
-_EASIER_AFTER_ABORT = math.sqrt(2.0)
-"""Torques go with 1/T²: an ease greater by this factor halves what pushes the arm off its path."""
+_SLOWER_AFTER_ABORT = math.sqrt(2.0)
+"""Torques go with 1/T²: a slowness greater by this factor halves what pushes the arm off its path."""
 _PATIENCE = 3
 """Trials of one movement without progress after which practice ends."""
 _PROGRESS = 0.9
@@ -29,7 +29,7 @@ _LARGER = 2.0
 _LEAST_LIMIT = math.log(1.1)
 """So that one cautious step does not make all that follow it small."""
 _PREVIEW_RATIO = 0.75
-_SAME_EASE = 1.01
+_SAME_SLOWNESS = 1.01
 _MOST_OPTIMISTIC = 0.3
 
 
@@ -38,19 +38,18 @@ class _Good:
     """A trial that is worth going back to."""
 
     index: int
-    ease: float
+    slowness: float
 
 
 class AdaptiveExtension:
     """Takes the largest step along its course after which the error should stay within a tolerance.
 
-    The course is that of the speed, or of whatever else varies: see :class:`~.course.Course`, whose measure
-    of a movement, its ease, is the duration if only the speed varies. What to expect of a movement comes from
-    two sources: the learner's own standard deviation along it, and how earlier trials came out in proportion
-    to it. A trial that came out worse than the tolerance of a step is repeated, and the next step is halved.
-    After an abort the network of the last good trial is taken up again, for its movement or an easier one.
-    Practice ends when the goal is reached within its tolerance, or when something stands in the way: the
-    effort limits, errors that do not fall any more, or the number of trials.
+    Movements are ordered by their slowness, which is the duration if only the speed varies (see
+    :class:`~.course.Course`). The error to expect is the learner's own standard deviation along a movement,
+    times the ratio of error to standard deviation in earlier trials. A trial worse than the tolerance of a
+    step is repeated, and the next step is halved. After an abort practice goes back to the network of the
+    last good trial, for its movement or a slower one. Practice ends when the goal is reached within its
+    tolerance, or cannot be reached: effort limits, errors that stop falling, or the number of trials.
 
     Args:
         practice: durations, tolerances, most trials.
@@ -58,7 +57,7 @@ class AdaptiveExtension:
         path_tolerance_rad: deviation at which a trial is aborted.
         course: the way to the goal; None: the configured one.
         first_index: number of its first trial; the network is as it was after the trial before that.
-        first_ease: of its first movement; None: that of the course.
+        first_slowness: of its first movement; None: that of the course.
     """
 
     def __init__(
@@ -69,16 +68,16 @@ class AdaptiveExtension:
         *,
         course: Course | None = None,
         first_index: int = 1,
-        first_ease: float | None = None,
+        first_slowness: float | None = None,
     ) -> None:
         self._practice = practice
         self._path_tolerance_rad = path_tolerance_rad
         self._course = course or Course.configured(practice)
         self._first_index = first_index
-        self._first_ease = self._course.first_ease if first_ease is None else first_ease
-        self._safe_ease = self._course.first_ease
+        self._first_slowness = self._course.first_slowness if first_slowness is None else first_slowness
+        self._safe_slowness = self._course.first_slowness
         """Easy enough to stay well inside the corridor even with nothing learned."""
-        self._ease = self._first_ease
+        self._slowness = self._first_slowness
         """Of the trial that is planned."""
         self._effort = EffortLimit(arm, self._course.at_duration)
         self._plan: PlannedTrial | None = None
@@ -87,23 +86,31 @@ class AdaptiveExtension:
         self._ratio = 1.0
         """Tracking errors in proportion to the learner's standard deviation, as they came."""
         self._largest_step = _FIRST_STEP
-        """In the logarithm of the ease."""
+        """In the logarithm of the slowness."""
         self._good: list[_Good] = []
         self._best = math.inf
         self._without_progress = 0
         self._repeated_once = False
 
     def preview(self) -> Sequence[Movement]:
-        """Return the movements that are still to come if every step is about a quarter of the ease.
+        """Return the movements still to come if every step takes about a quarter off the slowness.
 
-        Before the first trial they lead to the goal, then they are no more than there are trials left.
+        Before the first trial they lead to the goal, afterwards there are at most as many as trials left.
         """
-        ease, goal = self._ease, self._course.goal_ease
-        eases = [ease] if self._plan is None else []
-        while ease > goal:
-            ease = max(goal, ease * _PREVIEW_RATIO)
-            eases.append(ease)
-        return [self._course.movement(ease) for ease in eases[: self.trials_left]]
+        slowness, goal = self._slowness, self._course.goal_slowness
+        slownesses = [slowness] if self._plan is None else []
+        while slowness > goal:
+            slowness = max(goal, slowness * _PREVIEW_RATIO)
+            slownesses.append(slowness)
+        return [self._course.movement(slowness) for slowness in slownesses[: self.trials_left]]
+
+    def movements_to_cover(self) -> Sequence[Movement]:
+        """Return the movements that bound the course."""
+        return self._course.to_cover
+
+    def fastest_movements(self) -> Sequence[Movement]:
+        """Return the movements at both ends of each leg of the course."""
+        return self._course.ends
 
     @property
     def trials_left(self) -> int | None:
@@ -113,7 +120,7 @@ class AdaptiveExtension:
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""
         if last is None or self._plan is None:
-            plan = self._planned(self._first_ease, forecast, "the first trial")
+            plan = self._planned(self._first_slowness, forecast, "the first trial")
             self._began_unlearned = math.isinf(self._expected_std)
             return plan
         if last.outcome == Outcome.CANCELLED:
@@ -134,8 +141,7 @@ class AdaptiveExtension:
         assert self._plan is not None
         movement = self._plan.movement
         # The desired trajectory of a whole movement ends at a tick, which can be a little later.
-        whole = (movement.start, movement.end) == (0.0, 1.0)
-        return self._course.text(movement, f"{last.duration_s:.3f} s" if whole else "")
+        return self._course.text(movement, f"{last.duration_s:.3f} s" if movement.is_whole else "")
 
     @property
     def _goal(self) -> str:
@@ -143,25 +149,27 @@ class AdaptiveExtension:
 
     def _after_success(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         practice, error_rad = self._practice, last.rms_error_rad
-        ease = self._ease
+        slowness = self._slowness
         self._learn_ratio(error_rad)
         unlearned = self._began_unlearned and (
             last.index == 1 or (self._plan is not None and self._plan.go_back_to == 0)
         )
-        if unlearned and self._course.deviates_with_ease:
+        if unlearned and self._course.deviates_with_slowness:
             # Without a network the deviation is what the torques make it, and these go with 1/T².
-            self._safe_ease = ease * math.sqrt(last.max_error_rad / (0.5 * self._path_tolerance_rad))
+            self._safe_slowness = slowness * math.sqrt(last.max_error_rad / (0.5 * self._path_tolerance_rad))
         hardest = self._hardest(forecast)
-        at_goal = ease <= self._course.goal_ease
+        at_goal = slowness <= self._course.goal_slowness
         # How fast the effort limits allow is foreseen a little differently after every trial.
-        at_the_end = at_goal or (hardest > self._course.goal_ease and ease <= hardest * _SAME_EASE)
+        at_the_end = at_goal or (
+            hardest > self._course.goal_slowness and slowness <= hardest * _SAME_SLOWNESS
+        )
         tolerance_rad = practice.tolerance_rad if at_the_end else practice.step_tolerance_rad
         if error_rad > tolerance_rad and not unlearned:
             return self._repeated(last, forecast)
-        if self._good and self._good[-1].ease > ease:
-            step = math.log(self._good[-1].ease / ease)
+        if self._good and self._good[-1].slowness > slowness:
+            step = math.log(self._good[-1].slowness / slowness)
             self._largest_step = max(step if self._repeated_once else _LARGER * step, _LEAST_LIMIT)
-        self._good.append(_Good(last.index, ease))
+        self._good.append(_Good(last.index, slowness))
         self._best, self._without_progress, self._repeated_once = math.inf, 0, False
         if at_the_end and error_rad <= tolerance_rad:
             if at_goal:
@@ -173,19 +181,19 @@ class AdaptiveExtension:
         return self._extended(hardest, forecast)
 
     def _hardest(self, forecast: Forecaster) -> float:
-        """Return the least ease that practice may go to, foreseen from the trial that was good."""
-        if self._course.varies_speed_at(self._ease):
-            self._effort.learn(self._course.movement(self._ease).duration_s, forecast)
+        """Return the least slowness that practice may go to, foreseen from the trial that was good."""
+        if self._course.varies_speed_at(self._slowness):
+            self._effort.learn(self._course.movement(self._slowness).duration_s, forecast)
         return self._foreseen()
 
     def _foreseen(self) -> float:
-        """Return the least ease that the effort limits allow, as far as it is known."""
+        """Return the least slowness that the effort limits allow, as far as it is known."""
         course = self._course
-        if not course.varies_speed_at(self._ease):
-            return course.goal_ease
+        if not course.varies_speed_at(self._slowness):
+            return course.goal_slowness
         goal_s = course.goal.duration_s
-        fastest_s = self._effort.fastest_s(goal_s, course.movement(course.first_ease).duration_s)
-        return course.goal_ease if fastest_s <= goal_s else course.ease_at_duration(fastest_s)
+        fastest_s = self._effort.fastest_s(goal_s, course.movement(course.first_slowness).duration_s)
+        return course.goal_slowness if fastest_s <= goal_s else course.slowness_at_duration(fastest_s)
 
     def _limited(self, last: TrialReport, hardest: float) -> str:
         needed = self._effort.needed_text(self._course.goal.duration_s)
@@ -199,7 +207,7 @@ class AdaptiveExtension:
     def _repeated(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None
         hardest = self._foreseen()
-        if hardest > self._ease * _SAME_EASE:
+        if hardest > self._slowness * _SAME_SLOWNESS:
             self._best, self._without_progress = math.inf, 0
             fastest_s = self._course.movement(hardest).duration_s
             reason = f"slower: the effort limits allow about {fastest_s:.2f} s"
@@ -218,46 +226,46 @@ class AdaptiveExtension:
             )
         self._repeated_once = True
         reason = f"repeated: {_mrad(last.rms_error_rad)} RMS were more than wanted"
-        return self._planned(self._ease, forecast, reason)
+        return self._planned(self._slowness, forecast, reason)
 
     def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial:
         """Return the largest step after which the error should stay within the tolerance of a step."""
-        ease = self._ease
-        low = max(hardest, ease * math.exp(-self._largest_step))
+        slowness = self._slowness
+        low = max(hardest, slowness * math.exp(-self._largest_step))
         wanted_rad = self._practice.step_tolerance_rad
         reason = "as far as the errors should stay small"
         if self._expected_rms(low, forecast) <= wanted_rad:
             if low > hardest:
                 reason = "the largest step that is allowed"
-            elif hardest > self._course.goal_ease:
+            elif hardest > self._course.goal_slowness:
                 fastest_s = self._course.movement(hardest).duration_s
                 reason = f"the fastest that the effort limits allow, about {fastest_s:.2f} s"
             else:
                 reason = "the goal"
             return self._planned(low, forecast, reason)
-        high = ease
+        high = slowness
         for _ in range(_BISECTIONS):
             middle = math.sqrt(low * high)
             if self._expected_rms(middle, forecast) <= wanted_rad:
                 high = middle
             else:
                 low = middle
-        if high == ease:
+        if high == slowness:
             reason = "repeated: no faster one is known well enough"
         return self._planned(high, forecast, reason)
 
     def _after_abort(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None
-        failed = self._ease
+        failed = self._slowness
         # Small errors were expected, or it would not have been tried. So the arm is not what it was believed
         # to be, and what was learned may be worth nothing: easy enough means easy enough without it.
-        easy = max(failed * _EASIER_AFTER_ABORT, self._safe_ease)
-        known = [good.ease for good in self._good if good.ease > failed]
-        while self._good and self._good[-1].ease <= failed:
+        easy = max(failed * _SLOWER_AFTER_ABORT, self._safe_slowness)
+        known = [good.slowness for good in self._good if good.slowness > failed]
+        while self._good and self._good[-1].slowness <= failed:
             self._good.pop()  # a movement has failed that was good once
         if known:
             self._largest_step = max(0.5 * math.log(known[-1] / failed), _LEAST_LIMIT)
-        easier = min(max([easy, *known[-1:]]), self._course.most_ease)
+        easier = min(max([easy, *known[-1:]]), self._course.most_slowness)
         back_to = self._good[-1].index if self._good else self._first_index - 1
         if easier <= failed and (self._plan.go_back_to == back_to or last.index == self._first_index):
             return Ending(
@@ -273,11 +281,11 @@ class AdaptiveExtension:
         )
 
     def _planned(
-        self, ease: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
+        self, slowness: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
     ) -> PlannedTrial:
         index = self._plan.index + 1 if self._plan else self._first_index
-        movement = self._course.movement(ease)
-        self._ease = ease
+        movement = self._course.movement(slowness)
+        self._slowness = slowness
         # After going back the forecast would be that of the network that is left.
         self._expected_std = math.inf if go_back_to is not None else _rms(forecast(movement).std_rad)
         expected_rad = self._ratio * self._expected_std
@@ -299,8 +307,8 @@ class AdaptiveExtension:
         # Bad news count at once, good news by and by.
         self._ratio = max(found, math.sqrt(found * self._ratio), _MOST_OPTIMISTIC)
 
-    def _expected_rms(self, ease: float, forecast: Forecaster) -> float:
-        return self._ratio * _rms(forecast(self._course.movement(ease)).std_rad)
+    def _expected_rms(self, slowness: float, forecast: Forecaster) -> float:
+        return self._ratio * _rms(forecast(self._course.movement(slowness)).std_rad)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tel_ros.core.config import PracticeConfig
-from tel_ros.core.practice.decisions import Movement
+from tel_ros.core.practice.strategy import Movement
 
 Varied = Literal["speed", "amplitude", "shape", "stiffness"]
 
@@ -19,10 +19,11 @@ _ROUNDING = 1e-12
 class Leg:
     """One thing that varies, from its first value to that of the goal.
 
-    How far it has come is measured by its ease, which falls along the way. How far the arm is pushed off its
-    path goes about with 1 / ease²: torques go with 1 / T² and with the amplitude, and the deviations that
-    they cause go with 1 / K. So equal ratios of ease are about equally difficult. Of a path that turns into
-    another one nothing is known beforehand; the whole way counts like a duration that falls by the factor e.
+    Its *slowness* says how easy it still is, and falls along the way. Without learning, the arm leaves its
+    path by about 1 / slowness²: torques go with 1 / T² and with the amplitude, and the deviations that they
+    cause with 1 / K. So equal ratios of slowness are about equally difficult steps. How the difficulty
+    changes between two paths is not known beforehand; the whole blend counts like a duration that falls by
+    the factor e.
 
     Args:
         varied: what varies.
@@ -35,37 +36,37 @@ class Leg:
     goal: float
 
     @property
-    def first_ease(self) -> float:
-        """Ease where the leg begins."""
-        return self._ease(self.first)
+    def first_slowness(self) -> float:
+        """Slowness where the leg begins."""
+        return self._slowness(self.first)
 
     @property
-    def goal_ease(self) -> float:
-        """Ease where the leg ends."""
-        return self._ease(self.goal)
+    def goal_slowness(self) -> float:
+        """Slowness where the leg ends."""
+        return self._slowness(self.goal)
 
     @property
     def goes_further_back(self) -> bool:
         """Whether there are easier movements than the first: slower or smaller ones always are."""
         return self.varied in ("speed", "amplitude")
 
-    def value(self, ease: float) -> float:
-        """Return what varies at an ease; beyond the first ease, only where the leg goes further back."""
-        if math.isclose(ease, self.goal_ease, rel_tol=_ROUNDING):
+    def value(self, slowness: float) -> float:
+        """Return what varies at a slowness; beyond the first, only where the leg goes further back."""
+        if math.isclose(slowness, self.goal_slowness, rel_tol=_ROUNDING):
             return self.goal
-        if math.isclose(ease, self.first_ease, rel_tol=_ROUNDING) or (
-            ease > self.first_ease and not self.goes_further_back
+        if math.isclose(slowness, self.first_slowness, rel_tol=_ROUNDING) or (
+            slowness > self.first_slowness and not self.goes_further_back
         ):
             return self.first
         if self.varied == "speed":
-            return ease
+            return slowness
         if self.varied == "amplitude":
-            return 1.0 / ease**2
+            return 1.0 / slowness**2
         if self.varied == "stiffness":
-            return ease**2
-        return 1.0 - math.log(ease)
+            return slowness**2
+        return 1.0 - math.log(slowness)
 
-    def _ease(self, value: float) -> float:
+    def _slowness(self, value: float) -> float:
         if self.varied == "speed":
             return value
         if self.varied == "amplitude":
@@ -78,9 +79,8 @@ class Leg:
 class Course:
     """Legs that are gone through in turn.
 
-    Where a movement is on the course is told by one number, its ease: the product of the eases of all legs.
-    It falls from :attr:`first_ease` to :attr:`goal_ease`. If only the speed varies it is the duration in
-    seconds. -ln(ease) is the coordinate in which equal steps are about equally difficult.
+    One number says where on the course a movement is, its slowness: the product over all legs. It falls from
+    :attr:`first_slowness` to :attr:`goal_slowness`; if only the speed varies, it is the duration in seconds.
 
     Args:
         legs: at least one; no two vary the same.
@@ -90,10 +90,10 @@ class Course:
     def __init__(self, legs: Sequence[Leg], goal: Movement) -> None:
         self._legs = tuple(legs)
         self._goal = goal
-        # What multiplies a leg's own ease: legs before it are at their goals, later ones where they begin.
+        # Factor on the slowness of a leg: legs before it are at their goals, later ones where they begin.
         self._scales = [
-            math.prod([leg.goal_ease for leg in self._legs[:i]])
-            * math.prod([leg.first_ease for leg in self._legs[i + 1 :]])
+            math.prod([leg.goal_slowness for leg in self._legs[:i]])
+            * math.prod([leg.first_slowness for leg in self._legs[i + 1 :]])
             for i in range(len(self._legs))
         ]
 
@@ -115,29 +115,29 @@ class Course:
         return self._legs
 
     @property
-    def first_ease(self) -> float:
-        """Ease of the first movement."""
-        return self._legs[0].first_ease * self._scales[0]
+    def first_slowness(self) -> float:
+        """Slowness of the first movement."""
+        return self._legs[0].first_slowness * self._scales[0]
 
     @property
-    def goal_ease(self) -> float:
-        """Ease of the goal."""
-        return self._legs[-1].goal_ease * self._scales[-1]
+    def goal_slowness(self) -> float:
+        """Slowness of the goal."""
+        return self._legs[-1].goal_slowness * self._scales[-1]
 
     @property
-    def most_ease(self) -> float:
-        """Ease beyond which movements do not become any easier; inf if they always do."""
-        return math.inf if self._legs[0].goes_further_back else self.first_ease
+    def most_slowness(self) -> float:
+        """Slowness beyond which movements do not become easier; inf if they always do."""
+        return math.inf if self._legs[0].goes_further_back else self.first_slowness
 
     @property
-    def deviates_with_ease(self) -> bool:
-        """Whether deviations without learning go with 1 / ease²; one path tells nothing about another."""
+    def deviates_with_slowness(self) -> bool:
+        """Whether deviations without learning go with 1 / slowness²; one path tells nothing about another."""
         return all(leg.varied != "shape" for leg in self._legs)
 
-    def movement(self, ease: float) -> Movement:
-        """Return the movement at an ease of at least :attr:`goal_ease`."""
-        i = self._active(ease)
-        return self.on_leg(self._legs[i], self._legs[i].value(ease / self._scales[i]))
+    def movement(self, slowness: float) -> Movement:
+        """Return the movement at a slowness of at least :attr:`goal_slowness`."""
+        i = self._active(slowness)
+        return self.on_leg(self._legs[i], self._legs[i].value(slowness / self._scales[i]))
 
     def on_leg(self, leg: Leg, value: float) -> Movement:
         """Return the movement at a value of what varies on a leg."""
@@ -158,16 +158,16 @@ class Course:
         whole = self._goal.duration_s / movement.duration_s * (movement.end - movement.start)
         return whole * movement.amplitude * movement.shape / movement.stiffness
 
-    def varies_speed_at(self, ease: float) -> bool:
+    def varies_speed_at(self, slowness: float) -> bool:
         """Whether the next step from here is one in speed."""
-        return self._legs[self._active(ease)].varied == "speed"
+        return self._legs[self._active(slowness)].varied == "speed"
 
     def at_duration(self, duration_s: float) -> Movement:
         """Return the movement of a duration on the leg on which the speed varies."""
         return self.on_leg(self._speed_leg, duration_s)
 
-    def ease_at_duration(self, duration_s: float) -> float:
-        """Return the ease at a duration on the leg on which the speed varies."""
+    def slowness_at_duration(self, duration_s: float) -> float:
+        """Return the slowness at a duration on the leg on which the speed varies."""
         return duration_s * self._speed_scale
 
     def text(self, movement: Movement, duration: str = "") -> str:
@@ -176,14 +176,28 @@ class Course:
         for leg in self._legs:
             if leg.varied != "speed":
                 words.append(f"{leg.varied} {getattr(movement, leg.varied):.3f}")
-        if (movement.start, movement.end) != (0.0, 1.0):
+        if not movement.is_whole:
             words.append(f"from {movement.start:.3g} to {movement.end:.3g} of the path")
         return ", ".join(words)
 
     @property
+    def ends(self) -> list[Movement]:
+        """The movements at both ends of each leg: none on the course is faster, joint by joint."""
+        return [self.on_leg(leg, value) for leg in self._legs for value in (leg.first, leg.goal)]
+
+    @property
+    def to_cover(self) -> list[Movement]:
+        """Movements that bound the course in position, velocity and acceleration; the goal is the first.
+
+        A blend of two paths stays between them.
+        """
+        varies_shape = any(leg.varied == "shape" for leg in self._legs)
+        return [self._goal, replace(self._goal, shape=0.0)] if varies_shape else [self._goal]
+
+    @property
     def goal(self) -> Movement:
         """The movement at the end of the course."""
-        return self.movement(self.goal_ease)
+        return self.movement(self.goal_slowness)
 
     @property
     def goal_text(self) -> str:
@@ -198,9 +212,9 @@ class Course:
     def _speed_scale(self) -> float:
         return self._scales[self._legs.index(self._speed_leg)]
 
-    def _active(self, ease: float) -> int:
-        """Return which leg an ease is on; where two meet, the later one."""
+    def _active(self, slowness: float) -> int:
+        """Return which leg a slowness is on; where two meet, the later one."""
         for i, leg in enumerate(self._legs[:-1]):
-            if ease > leg.goal_ease * self._scales[i] * (1.0 + _ROUNDING):
+            if slowness > leg.goal_slowness * self._scales[i] * (1.0 + _ROUNDING):
                 return i
         return len(self._legs) - 1

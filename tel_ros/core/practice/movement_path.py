@@ -1,22 +1,24 @@
-"""From a movement that a strategy asks for to the trajectory and the command that go to the controller."""
+"""From a movement to its trajectory and its command, and from a prediction to a forecast."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.practice.decisions import Movement
+from tel_ros.core.practice.strategy import Forecast, Movement
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import Path, blended, part, scaled
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.types import FloatArray
 
+_FORECAST_POINTS = 200
+
 
 def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
-    """Return the path of a movement: blended, then drawn together, then the part that is asked for.
-
-    A movement that varies none of these gets the goal path itself.
+    """Return the path of a movement: blended, then scaled, then cut. The goal itself if nothing varies.
 
     Args:
         goal: the configured path.
@@ -24,7 +26,7 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
         movement: what to vary, and how far.
 
     Raises:
-        ConfigError: the shape is to be varied, and no path is known.
+        ConfigError: the shape varies, and no path is known.
     """
     path = goal
     if movement.shape != 1.0:
@@ -33,7 +35,7 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
         path = blended(known, path, movement.shape)
     if movement.amplitude != 1.0:
         path = scaled(path, movement.amplitude)
-    if (movement.start, movement.end) != (0.0, 1.0):
+    if not movement.is_whole:
         path = part(path, movement.start, movement.end)
     return path
 
@@ -41,28 +43,46 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
 def desired_trajectory(
     goal: Path, known: Path | None, movement: Movement, rate_hz: float
 ) -> DesiredTrajectory:
-    """Return the trajectory of a movement, from rest to rest; a part of the path has its own start and stop.
-
-    Args:
-        goal: the configured path.
-        known: the path at shape 0; None if there is none.
-        movement: what to vary, and how far.
-        rate_hz: points a second.
+    """Return the trajectory of a movement, from rest to rest, with ``rate_hz`` points a second.
 
     Raises:
-        ConfigError: the shape is to be varied, and no path is known.
+        ConfigError: the shape varies, and no path is known.
     """
     return sample(movement_path(goal, known, movement), movement.own_duration_s, rate_hz)
 
 
-@dataclass(frozen=True)
-class Command:
-    """What the springs of one trial have to do.
+def forecast_trajectory(goal: Path, known: Path | None, movement: Movement) -> DesiredTrajectory:
+    """Return the trajectory to ask the learner about: coarse, with equally many points at any speed.
+
+    Raises:
+        ConfigError: the shape varies, and no path is known.
+    """
+    return desired_trajectory(goal, known, movement, _FORECAST_POINTS / movement.own_duration_s)
+
+
+def forecast_of(
+    desired: DesiredTrajectory,
+    equilibrium_rad: FloatArray,
+    std_rad: FloatArray,
+    arm: ArmConfig,
+    movement: Movement,
+) -> Forecast:
+    """Return a forecast from a prediction: following y exactly takes τ = K (û - y) - B ẏ.
 
     Args:
-        springs: K and B; None: as configured.
+        desired: y, as asked about.
         equilibrium_rad: û. Shape (n, n_joints).
+        std_rad: its standard deviation. Shape (n, n_joints).
+        arm: K and B that the prediction is for.
+        movement: stiffer springs turn the same error in the effort into a smaller deviation.
     """
+    stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
+    offset_rad = equilibrium_rad - desired.position_rad
+    return Forecast(std_rad / movement.stiffness, stiffness * offset_rad - damping * desired.velocity_rad_s)
+
+
+class Command(NamedTuple):
+    """The springs of one trial (None: as configured) and û for them. Shape (n, n_joints)."""
 
     springs: Springs | None
     equilibrium_rad: FloatArray

@@ -1,39 +1,130 @@
-"""Practice strategies by name: the sequence of movements that leads to the one that is wanted."""
+"""What a practice strategy is asked and what it answers: movements, forecasts, plans, endings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
-from tel_ros.core.config import Config, PracticeConfig
-from tel_ros.core.practice.adaptive import AdaptiveExtension
-from tel_ros.core.practice.decisions import Movement, Strategy
-from tel_ros.core.practice.schedules import direct, trajectory_extension
-from tel_ros.core.practice.subtasks import Subtasks, parts_of
-
-STRATEGIES: dict[str, Callable[[Config], Strategy]] = {
-    "trajectory_extension": lambda config: trajectory_extension(config.practice),
-    "adaptive_extension": lambda config: AdaptiveExtension(
-        config.practice, config.arm, config.control.path_tolerance_rad
-    ),
-    "subtasks": lambda config: Subtasks(config.practice, config.arm, config.control.path_tolerance_rad),
-    "direct": lambda config: direct(config.practice),
-}
+from tel_ros.core.trial import TrialReport
+from tel_ros.core.types import FloatArray
 
 
-def make_strategy(config: Config) -> Strategy:
-    """Return the configured strategy."""
-    return STRATEGIES[config.practice.strategy](config)
+@dataclass(frozen=True)
+class Movement:
+    """One desired movement: everything that a practice parameter can vary ([Practice] A5).
 
-
-def movements_to_cover(config: PracticeConfig) -> list[Movement]:
-    """Return movements that together go as far as any of practice, in postures, speeds and accelerations.
-
-    The goal is the first. A blend of two paths stays between them; a part of a path accelerates more at its
-    ends than the whole does.
+    Args:
+        duration_s: of the whole path, from rest to rest; a part of it takes its share.
+        amplitude: of the path about its first posture; 1: as configured.
+        shape: 0: the known path, 1: the configured one, between them a blend.
+        stiffness: factor on K. B goes with its square root, which keeps the damping ratio.
+        start: where on the path the movement begins, 0 to 1.
+        end: where it ends; above ``start``.
     """
-    movements = [Movement(config.goal_duration_s)]
-    if "shape" in config.vary:
-        movements.append(Movement(config.goal_duration_s, shape=0.0))
-    if config.strategy == "subtasks":
-        movements += parts_of(config)
-    return movements
+
+    duration_s: float
+    amplitude: float = 1.0
+    shape: float = 1.0
+    stiffness: float = 1.0
+    start: float = 0.0
+    end: float = 1.0
+
+    @property
+    def own_duration_s(self) -> float:
+        """Duration of this part of the path."""
+        return self.duration_s * (self.end - self.start)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is the whole path."""
+        return (self.start, self.end) == (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What the learner expects of a movement, at points along it that are equally distant in time.
+
+    Args:
+        std_rad: standard deviation of the error in the command, for springs as stiff as those of the
+            movement; inf where nothing is known. Shape (n, n_joints).
+        effort_nm: what the movement needs, as far as the learner knows. Shape (n, n_joints).
+    """
+
+    std_rad: FloatArray
+    effort_nm: FloatArray
+
+
+Forecaster = Callable[[Movement], Forecast]
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """What to try next.
+
+    Args:
+        index: number of the trial, from 1.
+        alpha: practice parameter; 1 at the goal ([Practice] A5).
+        movement: what to do.
+        go_back_to: restore the network as it was after this trial before predicting (0: as the run began);
+            None: keep the network.
+        reason: why this trial, for people.
+        expected_rms_rad: expected tracking error; NaN: no expectation.
+    """
+
+    index: int
+    alpha: float
+    movement: Movement
+    go_back_to: int | None = None
+    reason: str = ""
+    expected_rms_rad: float = math.nan
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The end of a run.
+
+    Args:
+        outcome: ``completed``: the goal is reached; ``stopped``: the strategy finds that it cannot be
+            reached; ``aborted`` and ``cancelled``: as the last trial.
+        message: why, for people; may be empty.
+    """
+
+    outcome: Literal["completed", "stopped", "aborted", "cancelled"]
+    message: str = ""
+
+
+class Strategy(Protocol):
+    """Decides after each trial what to do next. A state machine: no clock, no files, no randomness.
+
+    Resuming a run feeds a new strategy with the recorded trials, so equal inputs must give equal decisions.
+    """
+
+    def preview(self) -> Sequence[Movement]:
+        """Return the movements still to come, as far as the strategy knows now."""
+        ...
+
+    def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
+        """Return the next trial, or the end of practice.
+
+        Args:
+            last: the trial that has just ended; None at the beginning.
+            forecast: asks the learner as it is now.
+        """
+        ...
+
+    def movements_to_cover(self) -> Sequence[Movement]:
+        """Return movements that together bound all of practice in position, velocity and acceleration.
+
+        The input ranges of a new network cover them.
+        """
+        ...
+
+    def fastest_movements(self) -> Sequence[Movement]:
+        """Return movements of which one is as fast, joint by joint, as any that may be tried.
+
+        Practice is refused before anything moves if one of them exceeds a velocity limit. A class that
+        derives from this one may leave the method out.
+        """
+        return self.movements_to_cover()

@@ -186,7 +186,7 @@ class _RunWriter:
             for topic, time_ns, raw in merge(added, recorded, key=lambda message: message[1]):
                 self.writer.write(topic, time_ns, raw)
         span_s = (begin_ns / NS_PER_S, end_ns / NS_PER_S, shift_ns / NS_PER_S)
-        self.trials.append(ExportedTrial(trial.bag, trial.index, *span_s))
+        self.trials.append(ExportedTrial(trial.bag, trial.report.index, *span_s))
 
     def _announce(self, reader: AnyReader) -> None:
         """Announce the topics of a bag that have not been before; the first bag's come with those added."""

@@ -140,7 +140,7 @@ def test_a_run_that_was_aborted_says_so_first_and_marks_the_trials(bad_report: P
 def test_a_trial_without_a_movement_is_left_out_of_the_figures_and_said_to_be(bad_report: Path) -> None:
     page = Page(bad_report)
     drawn = read_run(bad_report.parent).drawn
-    assert [(trial.summary.index, trial.recorded.index) for trial in drawn] == [(1, 1), (2, 2)]
+    assert [(trial.summary.index, trial.recorded.report.index) for trial in drawn] == [(1, 1), (2, 2)]
     assert "Trial 4 is not drawn: it was aborted before the movement began." in page.text
     assert "4 1.000 1.00 – – – – – – – 8.00 1.00 – 1.2 aborted the arm did not settle" in page.text
     assert "nan" not in page.text.lower()

@@ -10,6 +10,7 @@ from made_up_run import MakeRun, Trial
 
 from tel_ros.app.report.data import RunData, read_run
 from tel_ros.app.report.text import ending, enumeration, result, run_line, significant, tracking_caption
+from tel_ros.core.trial import Outcome
 
 
 def test_the_lines_about_a_run_tell_what_it_was_and_what_came_out(good_run: RunData) -> None:
@@ -26,7 +27,7 @@ def test_the_lines_about_a_run_tell_what_it_was_and_what_came_out(good_run: RunD
 
 def test_half_a_movement_is_neither_the_best_nor_the_fastest(good_run: RunData) -> None:
     whole, half, _ = good_run.trials
-    run = replace(good_run, trials=(whole, replace(half, outcome="aborted")))
+    run = replace(good_run, trials=(whole, replace(half, outcome=Outcome.ABORTED)))
     text = result(run).replace("\N{NO-BREAK SPACE}", " ")
     assert "0.0500 rad (trial 1, 2.0 s) at best, 0.0250 rad (trial 2, 1.67 s, aborted) in the end." in text
     assert "times as fast" not in text

@@ -12,11 +12,23 @@ from two_link_trials import rms, truth_rad
 
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.signals import TrialSignals, learning_record, training_samples
-from tel_ros.core.trial import Outcome, Phase
+from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
 from tel_ros.core.types import FloatArray, IntArray
 
 Record = Callable[..., TrialSignals]
 PERIOD_NS = 2_000_000
+REPORT = TrialReport(
+    index=1,
+    alpha=1.0,
+    duration_s=2.0,
+    outcome=Outcome.COMPLETED,
+    message="",
+    rms_error_rad=0.01,
+    rms_error_per_joint_rad=np.full(2, 0.01),
+    max_error_rad=0.03,
+    max_effort_nm=np.ones(2),
+    saturated_ratio=0.0,
+)
 TIME_NS = np.arange(0, 5_000_000_000, PERIOD_NS)
 TIME_S = TIME_NS / 1e9
 W = 2 * np.pi * 0.7
@@ -34,12 +46,18 @@ def record(
 ) -> TrialSignals:
     """Return the record of a smooth motion in formulas, which goes on in all phases."""
     return learning_record(
-        time_ns=time_ns,
-        phase=phase,
-        desired=np.hstack([POSITION_RAD, W * POSITION_RAD, -(W**2) * POSITION_RAD]),
-        position_rad=POSITION_RAD,
-        equilibrium_rad=equilibrium_rad,
-        saturated=np.zeros(POSITION_RAD.shape, dtype=bool),
+        Trial(
+            report=REPORT,
+            joints=("shoulder", "elbow"),
+            time_ns=time_ns,
+            phase=phase,
+            desired=np.hstack([POSITION_RAD, W * POSITION_RAD, -(W**2) * POSITION_RAD]),
+            equilibrium_rad=equilibrium_rad,
+            position_rad=POSITION_RAD,
+            velocity_rad_s=W * POSITION_RAD,
+            effort_nm=np.zeros(POSITION_RAD.shape),
+            saturated=np.zeros(POSITION_RAD.shape, dtype=bool),
+        )
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from two_link import arm_config
 
 from tel_ros.core.config import Config, ControlConfig, PathConfig, PracticeConfig
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
+from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_up_arm import MadeUpArm, config_of, practise
 
-from tel_ros.core.practice.decisions import PlannedTrial, Strategy
-from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import PlannedTrial, Strategy
 from tel_ros.core.trial import Outcome
 
 

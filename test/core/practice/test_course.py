@@ -14,7 +14,7 @@ from tel_ros.core.config import Config, ControlConfig, PathConfig, PracticeConfi
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
+from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.trial import Outcome
 
 VARIED = ("speed", "amplitude", "shape", "stiffness")
@@ -37,15 +37,15 @@ def test_a_course_begins_with_all_first_values_and_ends_with_the_goal(vary: tupl
     }
     for varied in vary:
         first |= values[varied]
-    assert course.movement(course.first_ease) == Movement(**first)
-    assert course.movement(course.goal_ease) == course.goal == Movement(4.5)
+    assert course.movement(course.first_slowness) == Movement(**first)
+    assert course.movement(course.goal_slowness) == course.goal == Movement(4.5)
 
 
 @pytest.mark.parametrize("vary", ORDERS, ids=",".join)
 def test_on_the_way_one_thing_changes_after_the_other_and_never_back(vary: tuple[str, ...]) -> None:
     course = course_of(*vary)
-    eases = np.geomspace(course.first_ease, course.goal_ease, 400)
-    movements = [course.movement(float(ease)) for ease in eases]
+    slownesses = np.geomspace(course.first_slowness, course.goal_slowness, 400)
+    movements = [course.movement(float(slowness)) for slowness in slownesses]
     difficulty = np.array([(1 / m.duration_s, m.amplitude, m.shape, 1 / m.stiffness) for m in movements])
     steps = np.diff(difficulty, axis=0)
     assert np.all(steps >= -1e-12)
@@ -59,7 +59,7 @@ def test_on_the_way_one_thing_changes_after_the_other_and_never_back(vary: tuple
     assert alphas[-1] == 1.0
 
 
-def test_if_only_the_speed_varies_the_ease_is_the_duration_to_the_last_bit() -> None:
+def test_if_only_the_speed_varies_the_slowness_is_the_duration_to_the_last_bit() -> None:
     course = course_of("speed")
     for duration_s in (30.0, 11.5, 7.1234567890123, 4.5):
         assert course.movement(duration_s) == Movement(duration_s)
@@ -70,10 +70,10 @@ def test_if_only_the_speed_varies_the_ease_is_the_duration_to_the_last_bit() -> 
     ("varied", "first", "quarter"),
     [("speed", 8.0, 4.0), ("amplitude", 0.1, 0.4), ("stiffness", 8.0, 2.0)],
 )
-def test_half_the_ease_means_four_times_the_deviation(varied: Any, first: float, quarter: float) -> None:
+def test_half_the_slowness_means_four_times_the_deviation(varied: Any, first: float, quarter: float) -> None:
     """Torques go with 1/T² and with the amplitude, and what they do goes with 1/K."""
     leg = Leg(varied, first, 1.0)
-    assert leg.value(leg.first_ease / 2.0) == pytest.approx(quarter, rel=1e-12)
+    assert leg.value(leg.first_slowness / 2.0) == pytest.approx(quarter, rel=1e-12)
 
 
 def test_alpha_is_the_product_of_all_shares() -> None:
@@ -94,23 +94,23 @@ def test_only_slower_and_smaller_movements_are_easier_than_the_first(
     vary: tuple[str, ...], further: Movement | None
 ) -> None:
     course = course_of(*vary)
-    found = course.movement(2.0 * course.first_ease)
+    found = course.movement(2.0 * course.first_slowness)
     if further is None:
-        assert found == course.movement(course.first_ease)
-        assert course.most_ease == course.first_ease
+        assert found == course.movement(course.first_slowness)
+        assert course.most_slowness == course.first_slowness
     else:
         assert found.duration_s == pytest.approx(further.duration_s)
         assert found.amplitude == pytest.approx(further.amplitude)
-        assert math.isinf(course.most_ease)
+        assert math.isinf(course.most_slowness)
 
 
 def test_the_movements_of_the_speed_leg_have_what_went_before_and_not_what_comes_after() -> None:
     course = course_of("amplitude", "speed", "stiffness")
     assert course.at_duration(7.0) == Movement(7.0, stiffness=4.0)
-    assert course.movement(course.ease_at_duration(7.0)).duration_s == pytest.approx(7.0, rel=1e-12)
-    assert course.varies_speed_at(course.ease_at_duration(7.0))
-    assert not course.varies_speed_at(course.first_ease)
-    assert not course.varies_speed_at(course.goal_ease)
+    assert course.movement(course.slowness_at_duration(7.0)).duration_s == pytest.approx(7.0, rel=1e-12)
+    assert course.varies_speed_at(course.slowness_at_duration(7.0))
+    assert not course.varies_speed_at(course.first_slowness)
+    assert not course.varies_speed_at(course.goal_slowness)
 
 
 def forecast_of_a_good_learner(movement: Movement) -> Forecast:
@@ -137,7 +137,7 @@ def test_practice_that_chooses_its_steps_gets_along_any_course(vary: tuple[str, 
     plans, ending = run(vary)
     assert ending.outcome == "completed"
     course = course_of(*vary)
-    assert plans[0].movement == course.movement(course.first_ease)
+    assert plans[0].movement == course.movement(course.first_slowness)
     alphas = [plan.alpha for plan in plans]
     assert alphas == sorted(alphas)
     assert alphas[-1] == pytest.approx(1.0, abs=0.02)
@@ -169,7 +169,7 @@ def test_where_there_is_nothing_easier_an_abort_of_the_first_trial_ends_practice
 @pytest.mark.parametrize(
     ("vary", "expected"),
     [
-        # 0.125 rad of deviation are a quarter of half the corridor: half the ease would have done.
+        # 0.125 rad of deviation are a quarter of half the corridor: half the slowness would have done.
         (("amplitude", "speed"), Movement(11.5, amplitude=1.0)),
         (("stiffness", "speed"), Movement(11.5, stiffness=1.0)),
         # How easy one path is says nothing about another one.

@@ -7,9 +7,14 @@ import pytest
 from two_link import arm_config
 
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.practice.decisions import Movement
-from tel_ros.core.practice.forecast import forecast_of, forecast_trajectory
-from tel_ros.core.practice.movement_path import command, desired_trajectory, movement_path
+from tel_ros.core.practice.movement_path import (
+    command,
+    desired_trajectory,
+    forecast_of,
+    forecast_trajectory,
+    movement_path,
+)
+from tel_ros.core.practice.strategy import Movement
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS, waypoint_path
 from tel_ros.core.trajectories.trajectory import sample

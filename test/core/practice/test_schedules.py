@@ -9,8 +9,8 @@ import pytest
 from made_up_arm import config_of, report_of
 
 from tel_ros.core.config import PathConfig, PracticeConfig
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
-from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 
 
 def no_forecast(movement: Movement) -> Forecast:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_up_arm import config_of, report_of
 
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial, Strategy
-from tel_ros.core.practice.strategy import make_strategy
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial, Strategy
 from tel_ros.core.trial import Outcome, TrialReport
 
 SCHEDULES = ["trajectory_extension", "direct"]

@@ -9,10 +9,11 @@ import pytest
 from made_up_arm import MadeUpArm, config_of, practise, report_of
 
 from tel_ros.core.config import PracticeConfig
-from tel_ros.core.practice.decisions import Ending, Forecast, Movement, PlannedTrial
+from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.movement_path import desired_trajectory
-from tel_ros.core.practice.strategy import make_strategy, movements_to_cover
-from tel_ros.core.practice.subtasks import Subtasks
+from tel_ros.core.practice.schedules import Subtasks
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
@@ -170,9 +171,11 @@ def test_parts_and_the_known_path_go_further_than_the_goal_alone() -> None:
         peak: FloatArray = np.abs(desired.acceleration_rad_s2).max(axis=0)
         return peak
 
-    goal, *parts = movements_to_cover(config.practice)
+    goal, *parts = make_strategy(config).movements_to_cover()
     assert goal == Movement(4.5)
     assert [(part.start, part.end) for part in parts] == [(0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1)]
     assert np.any(np.max([peak_rad_s2(part) for part in parts], axis=0) > 1.3 * peak_rad_s2(goal))
-    assert movements_to_cover(config_of(vary=("amplitude", "speed", "stiffness")).practice) == [goal]
-    assert movements_to_cover(PracticeConfig(vary=("shape",))) == [goal, Movement(4.5, shape=0.0)]
+    varied = make_strategy(config_of(vary=("amplitude", "speed", "stiffness")))
+    assert varied.movements_to_cover() == [goal]
+    shape = Course.configured(PracticeConfig(vary=("shape",)))
+    assert shape.to_cover == [goal, Movement(4.5, shape=0.0)]

@@ -15,7 +15,7 @@ from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.bag_writer import TrialBagWriter
 from tel_ros.recording.shared_files import share_folder
 from tel_ros.recording.trial_bag import read_trial
-from tel_ros.recording.trial_timing import timing_fields
+from tel_ros.recording.trial_result import timing_fields
 
 SAMPLE_RUN = Path(__file__).parents[2] / "bags" / "sample_run"
 TIMING = LoopTiming(
@@ -33,17 +33,17 @@ TIMING = LoopTiming(
 
 def test_what_was_measured_comes_back_from_the_bag(tmp_path: Path, trial: SyntheticTrial) -> None:
     trial.timing = TIMING
-    assert read_trial(trial.write(tmp_path / "bag")).timing == TIMING
+    assert read_trial(trial.write(tmp_path / "bag")).report.timing == TIMING
 
 
 def test_a_trial_that_was_not_measured_says_so(trial_bag: Path) -> None:
-    assert read_trial(trial_bag).timing is None
+    assert read_trial(trial_bag).report.timing is None
 
 
 @pytest.mark.parametrize("name", ["trial_001", "trial_002"])
 def test_the_sample_bags_were_made_in_lockstep_and_have_no_figures(name: str) -> None:
     trial = read_trial(SAMPLE_RUN / name)
-    assert trial.timing is None
+    assert trial.report.timing is None
     assert len(trial.time_ns) > 1000
 
 
@@ -67,7 +67,7 @@ def test_a_bag_from_before_results_had_figures_is_read(
                 fields = {k: v for k, v in result.items() if k not in (*newer, "__msgtype__")}
                 data = bytes(older.serialize_cdr(older.types[kind](**fields), kind))
             writer.write(topic, time_ns, data)
-    assert read_trial(tmp_path / "bag").timing is None
+    assert read_trial(tmp_path / "bag").report.timing is None
 
 
 def test_every_figure_has_a_field_of_its_own() -> None:

@@ -12,9 +12,10 @@ from two_link import arm_config
 from tel_ros.core.config import Config, PathConfig, PracticeConfig
 from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.practice.decisions import Movement
+from tel_ros.core.practice.feasibility import require_within_velocity_limits
 from tel_ros.core.practice.movement_path import desired_trajectory
-from tel_ros.core.practice.velocity_limit import require_within_velocity_limits
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Movement
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path, waypoint_path
 from tel_ros.core.trial import TrialGoal
 
@@ -32,13 +33,17 @@ def limited(velocity_rad_s: tuple[float, float], **practice: object) -> Config:
     )
 
 
+def check(config: Config, path: Path, known: Path | None) -> None:
+    require_within_velocity_limits(config, make_strategy(config).fastest_movements(), path, known)
+
+
 def peaks(path: Path, duration_s: float) -> np.ndarray:
     return np.abs(desired_trajectory(path, None, Movement(duration_s), 1000.0).velocity_rad_s).max(axis=0)
 
 
 def refusal(config: Config, known: Path | None = None) -> ConfigError:
     with pytest.raises(ConfigError) as error:
-        require_within_velocity_limits(config, LOOPS, known)
+        check(config, LOOPS, known)
     return error.value
 
 
@@ -66,7 +71,7 @@ def test_the_duration_that_is_suggested_is_one_that_the_controller_takes(strateg
     error = refusal(limited(limit, goal_duration_s=4.5, first_duration_s=60.0, strategy=strategy))
     least_s = float(re.match(r"at least (\S+) s", error.expected)[1])
     config = limited(limit, goal_duration_s=least_s, first_duration_s=60.0, strategy=strategy)
-    require_within_velocity_limits(config, LOOPS, None)
+    check(config, LOOPS, None)
     desired = desired_trajectory(LOOPS, None, Movement(least_s), 500.0)
     limits = dataclasses.replace(
         Limits.of(config.arm, 1.0),
@@ -78,14 +83,14 @@ def test_the_duration_that_is_suggested_is_one_that_the_controller_takes(strateg
 
 @pytest.mark.parametrize("strategy", ALL)
 def test_practice_within_the_limits_is_not_refused(strategy: str) -> None:
-    require_within_velocity_limits(limited((50.0, 50.0), strategy=strategy), LOOPS, None)
+    check(limited((50.0, 50.0), strategy=strategy), LOOPS, None)
 
 
 def test_of_a_list_of_durations_only_those_that_come_count() -> None:
     limit = tuple(peaks(LOOPS, 6.0) * 1.001)
     durations_s = (9.0, 6.0)
     allowed = limited(limit, strategy="trajectory_extension", goal_duration_s=4.5, durations_s=durations_s)
-    require_within_velocity_limits(allowed, LOOPS, None)
+    check(allowed, LOOPS, None)
     error = refusal(
         limited(limit, strategy="trajectory_extension", goal_duration_s=4.5, durations_s=(9.0, 5.0))
     )
@@ -105,7 +110,7 @@ def test_a_known_path_that_is_only_practised_slowly_may_be_too_fast_for_the_goal
     limit = tuple(1.001 * np.maximum(peaks(LOOPS, 4.5), peaks(FAR, 30.0)))
     assert np.any(np.array(limit) < peaks(FAR, 5.0))
     asked = {"strategy": "adaptive_extension", "goal_duration_s": 4.5, "vary": ("shape", "speed")}
-    require_within_velocity_limits(limited(limit, first_duration_s=30.0, **asked), LOOPS, FAR)
+    check(limited(limit, first_duration_s=30.0, **asked), LOOPS, FAR)
     error = refusal(limited(limit, first_duration_s=5.0, **asked), FAR)
     assert (error.key, error.value) == ("practice.first_duration_s", 5.0)
 

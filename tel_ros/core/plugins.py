@@ -1,0 +1,63 @@
+"""What other installed packages offer by name, as entry points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from tel_ros.core.errors import ConfigError
+
+
+def plugin(
+    key: str,
+    name: str,
+    group: str,
+    ours: Mapping[str, Any],
+    methods: Sequence[str],
+    made: Callable[[Any], Any] = lambda found: found,
+) -> Any:
+    """Return one of ours, or the object that an installed entry point names.
+
+    Args:
+        key: of the configuration, for messages.
+        name: which one.
+        group: of the entry points.
+        ours: by name; another package cannot take these names.
+        methods: that the object has to have.
+        made: makes the object from what is found under the name.
+
+    Raises:
+        ConfigError: the name is not known, or what the entry point names cannot be used.
+    """
+    if name in ours:
+        return made(ours[name])
+    point = require_known(key, name, group, ours)
+    assert point is not None
+    try:
+        found = made(point.load())
+    except ConfigError:
+        raise
+    except Exception as error:  # whatever a foreign package raises
+        said = f"an entry point that loads ({point.value}: {' '.join(str(error).split())})"
+        raise ConfigError(key, name, said) from error
+    missing = [method for method in methods if not callable(getattr(found, method, None))]
+    if missing:
+        expected = f"an entry point with {' and '.join(methods)}; {point.value} lacks {missing}"
+        raise ConfigError(key, name, expected)
+    return found
+
+
+def require_known(key: str, name: str, group: str, ours: Mapping[str, Any]) -> EntryPoint | None:
+    """Return the entry point of a name; None: it is one of ours.
+
+    Raises:
+        ConfigError: the name is neither ours nor that of an entry point of the group.
+    """
+    if name in ours:
+        return None
+    offered = {point.name: point for point in entry_points(group=group)}
+    if name not in offered:
+        known = ", ".join(sorted({*ours, *offered}))
+        raise ConfigError(key, name, f"one of {known}, or an installed entry point of the group {group}")
+    return offered[name]

@@ -1,0 +1,201 @@
+"""The ports of a practice session in the ROS graph: an arm behind an action, a network behind services."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.action import ActionClient
+from rclpy.callback_groups import CallbackGroup
+from rclpy.client import Client
+from rclpy.node import Node
+from tel_interfaces.action import ExecuteTrial
+from tel_interfaces.msg import TrialGoal, TrialResult
+from tel_interfaces.srv import (
+    LoadNetwork,
+    PredictEquilibrium,
+    SaveNetwork,
+    StartRecording,
+    StopRecording,
+    TrainOnTrials,
+)
+
+from tel_ros.core.config import Config
+from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.practice.session import CommandedTrial, Prediction
+from tel_ros.core.springs import Springs
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
+from tel_ros.core.trial import TrialReport
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
+from tel_ros.recording import topics
+from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
+from tel_ros.recording.trial_bag import trial_metadata
+from tel_ros.recording.trial_result import report_of
+
+ANSWER_TIMEOUT_S = 30.0
+SILENCE_TIMEOUT_S = 10.0
+TRAINING_TIMEOUT_S = 600.0
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """What the ports need to know of the run under way.
+
+    Args:
+        folder: of the run.
+        written: its configuration as written there.
+        stage: called with the stage of the trial that begins.
+        moving: called with the feedback of the movement.
+        cancelled: whether the run is to end.
+    """
+
+    folder: Path
+    written: Config
+    stage: Callable[[str], None]
+    moving: Callable[[ExecuteTrial.Feedback], None]
+    cancelled: Callable[[], bool]
+
+
+class PracticePorts:
+    """Arm and network of a practice session, as its other nodes offer them.
+
+    Args:
+        node: of the practice run.
+        group: of callbacks that are served while a run waits.
+        config: of the run, with files that can be read.
+        wait_for_arm: returns when the arm is ready; raises if it is not in time.
+        poll: called while an answer is awaited; may raise to end the waiting.
+    """
+
+    run: RunContext
+    """Has to be set before a run begins."""
+
+    def __init__(
+        self,
+        node: Node,
+        group: CallbackGroup,
+        config: Config,
+        wait_for_arm: Callable[[], None],
+        poll: Callable[[], None],
+    ) -> None:
+        self._config, self._wait_for_arm, self._poll = config, wait_for_arm, poll
+
+        def client(kind: type, name: str) -> Client:
+            return node.create_client(kind, name, callback_group=group)
+
+        self._predict = client(PredictEquilibrium, topics.PREDICT)
+        self._train = client(TrainOnTrials, topics.TRAIN)
+        self._save = client(SaveNetwork, topics.SAVE)
+        self._load = client(LoadNetwork, topics.LOAD)
+        self._start_recording = client(StartRecording, topics.START_RECORDING)
+        self._stop_recording = client(StopRecording, topics.STOP_RECORDING)
+        self._execute = ActionClient(node, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
+        # For whoever watches; the controller gets it in its action, the recorder with its request.
+        self._goal_pub = node.create_publisher(TrialGoal, topics.TRIAL_GOAL, qos.LATCHED)
+
+    def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Path]:
+        """Record and execute a trial; return its report and its bag.
+
+        Raises:
+            NoAnswerError: a node is not there, does not answer or fails; or the trial was refused.
+        """
+        plan, run = commanded.plan, self.run
+        bag, goal = trial_bag(run.folder, plan.index), self._message(commanded)
+        metadata = trial_metadata(plan, self._config, run.written, commanded.revision)
+        self._wait_for_arm()  # it may have stood still since the last trial
+        run.stage("recording")
+        request = StartRecording.Request(
+            bag=str(bag),
+            goal=goal,
+            metadata_keys=list(metadata),
+            metadata_values=list(metadata.values()),
+        )
+        self._call(self._start_recording, request, ANSWER_TIMEOUT_S)
+        self._goal_pub.publish(goal)
+        self._wait_for_arm()  # a disturbed brake may have moved it meanwhile
+        run.stage("moving")
+        result = self._moved(goal)
+        self._call(self._stop_recording, StopRecording.Request(result=result), ANSWER_TIMEOUT_S)
+        if result.outcome == TrialResult.REFUSED:
+            raise NoAnswerError(f"trial {plan.index} was refused: {result.message}")
+        return report_of(result), bag
+
+    def predict(self, desired: DesiredTrajectory) -> Prediction:
+        """Return the command for a trajectory."""
+        joints = self._config.arm.joints
+        request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
+        answer = self._call(self._predict, request, ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+        equilibrium_rad = equilibrium_of(answer.equilibrium, joints)
+        std_rad = np.array(answer.std_rad).reshape(equilibrium_rad.shape)
+        return Prediction(equilibrium_rad, std_rad, answer.revision)
+
+    def train(self, bag: Path) -> TrainingOutcome:
+        """Learn from the bag of a trial."""
+        self.run.stage("training")
+        try:
+            answer = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+        except DeclinedError as error:
+            raise TrainingError(str(error)) from None
+        return TrainingOutcome(
+            answer.training_rms_before_rad,
+            answer.training_rms_after_rad,
+            answer.rms_command_change_rad,
+            tuple(answer.grown),
+        )
+
+    def save(self, index: int) -> None:
+        """Write the network as it is after a trial; after the first it is ``network/network.npz`` as well."""
+        file = network_after(self.run.folder, index)
+        self._call(self._save, SaveNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+        if index > 0:
+            publish_network(self.run.folder, index)
+
+    def load(self, index: int) -> None:
+        """Go back to the network as it was after a trial."""
+        file = network_after(self.run.folder, index)
+        self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+
+    def _message(self, commanded: CommandedTrial) -> TrialGoal:
+        goal, arm = commanded.goal, self._config.arm
+        return to_goal_message(
+            goal.index,
+            goal.alpha,
+            arm.joints,
+            goal.desired,
+            goal.equilibrium_rad,
+            to_array(commanded.std_rad),
+            # Said even if it is nothing new: a bag then tells what its efforts came from.
+            goal.springs or Springs.of(arm),
+        )
+
+    def _moved(self, goal: TrialGoal) -> TrialResult:
+        heard_at = time.monotonic()
+        cancelling = False
+
+        def on_feedback(message) -> None:  # noqa: ANN001 - a type that rclpy makes
+            nonlocal heard_at
+            heard_at = time.monotonic()
+            self.run.moving(message.feedback)
+
+        def watch() -> None:
+            nonlocal cancelling
+            if time.monotonic() - heard_at > SILENCE_TIMEOUT_S:
+                raise NoAnswerError(f"{topics.EXECUTE_TRIAL} was silent for {SILENCE_TIMEOUT_S:.0f} s")
+            self._poll()
+            if self.run.cancelled() and not cancelling:
+                cancelling = True
+                handle.cancel_goal_async()
+
+        handle = send_goal(self._execute, ExecuteTrial.Goal(goal=goal), ANSWER_TIMEOUT_S, on_feedback)
+        return wait(handle.get_result_async(), math.inf, topics.EXECUTE_TRIAL, watch).result.result
+
+    def _call(self, client: Client, request: Any, timeout_s: float, again_s: float = math.inf) -> Any:
+        return call(client, request, timeout_s, self._poll, again_s)
