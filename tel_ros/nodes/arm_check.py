@@ -71,7 +71,7 @@ class ArmClient:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Command zero, if anything has been commanded, and go."""
+        """Command zero effort, if the channel is open, and shut down."""
         try:
             self.send_zero()
         finally:
@@ -102,7 +102,7 @@ class ArmClient:
         self.spin_until(lambda: False, duration_s)
 
     def spin_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Listen until something is so; return whether it has come to that in time."""
+        """Listen until a condition holds; return whether it did in time."""
         end = time.monotonic() + timeout_s
         came = False
 
@@ -129,7 +129,7 @@ class ArmClient:
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)
 
     def run(self, programs: Iterable[Program]) -> None:
-        """Run programs one after the other; zero is commanded at the end, whatever happens.
+        """Run programs one after the other; zero effort is commanded at the end in any case.
 
         Each state is answered at once. When none comes for a while the program itself ends with zero effort.
         """

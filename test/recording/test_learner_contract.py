@@ -13,13 +13,13 @@ import pytest
 for folder in ("learning", "."):
     sys.path.insert(0, str(Path(__file__).parents[1] / "core" / folder))
 
-from two_link_trials import GOAL, context, random_movement, rms, trial, truth_rad  # noqa: E402
+from two_link_trials import GOAL, context, random_movement, trial, truth_rad  # noqa: E402
 
 from tel_ros.core.config import LearningConfig  # noqa: E402
 from tel_ros.core.errors import NetworkFileError, TrainingError  # noqa: E402
 from tel_ros.core.learning.inputs import InputRange, query_inputs  # noqa: E402
-from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner, TrainingMode  # noqa: E402
-from tel_ros.core.learning.registry import learner_kind  # noqa: E402  # noqa: E402
+from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner, TrainingMode, rms  # noqa: E402
+from tel_ros.core.learning.registry import learner_kind  # noqa: E402
 from tel_ros.core.learning.signals import TrainingSamples  # noqa: E402
 from tel_ros.recording.network_file import load_network, save_network  # noqa: E402
 

@@ -1,1 +1,1 @@
-"""Is this arm what its configuration says? Judgements of recorded states, and pulses that answer the rest."""
+"""Is an arm what its configuration says? Judged by its joint states, and by its response to pulses."""

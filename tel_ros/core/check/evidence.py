@@ -1,4 +1,4 @@
-"""What a check judges (what was heard, what was sent) and what it says of it."""
+"""The evidence that checks judge (joint states, pulses), and their findings."""
 
 from __future__ import annotations
 
@@ -280,8 +280,8 @@ class Check:
 
     Args:
         title: as people read it; one check has one title.
-        needs: what it is made from.
-        judge: from that to findings, one for the arm or one for each joint.
+        needs: what has to be known for it.
+        judge: from the evidence to findings, one for the arm or one for each joint.
     """
 
     title: str
@@ -289,6 +289,6 @@ class Check:
     judge: Callable[[Evidence], Iterable[Finding]]
 
     def findings(self, evidence: Evidence) -> list[Finding]:
-        """Return what it finds, under its title; nothing without what it needs."""
+        """Return what it finds, under its title; an empty list if what it needs is missing."""
         found = self.judge(evidence) if self.needs.met_by(evidence) else ()
         return [replace(finding, check=self.title) for finding in found]

@@ -82,15 +82,15 @@ def joint_names(seen: Evidence) -> Iterator[Finding]:
 
 
 def fields(seen: Evidence) -> Iterator[Finding]:
-    """The fields of a message fit together; says nothing if all do."""
+    """The fields of each message fit together; no finding if they do."""
     if seen.malformed:
         text = f"{seen.malformed} messages have fields of different lengths"
         expected = "as many positions (velocities, efforts) as names"
-        yield judged(False, text, expected, "mend the publisher of the joint states", blocks=True)
+        yield judged(False, text, expected, "correct the publisher of the joint states", blocks=True)
 
 
 def number_of_states(seen: Evidence) -> Iterator[Finding]:
-    """There are enough states to judge; says nothing if there are."""
+    """There are enough states to judge; no finding if there are."""
     if len(seen.states) < ENOUGH_STATES:
         text = f"{len(seen.states)} states name all joints in {seen.listened_s:g} s"
         mend = "mend the names, or look for a publisher that has stopped"

@@ -17,7 +17,7 @@ _STEP_S = 1e-3
 
 
 def pulses(seen: Evidence) -> Iterator[Finding]:
-    """Pulses were sent, and all of them; says nothing then."""
+    """All pulses were sent; no finding if they were."""
     if seen.not_pulsed:
         yield Finding(Verdict.NOT_CHECKED, seen.not_pulsed, "sign, scale, delay, watchdog")
     elif seen.pulses is not None and seen.pulses.complaint:
@@ -75,7 +75,7 @@ def sign(seen: Evidence) -> Iterator[Finding]:
 
 
 def both_ways(seen: Evidence) -> Iterator[Finding]:
-    """Each joint moves both ways; says nothing of those that do."""
+    """Each joint moves both ways; no finding for those that do."""
     pulsed, target = seen.pulsed, _target(seen.pulsed)
     for j in pulsed.moved:
         ways = [abs(float(p.displacement_rad()[j])) for p in pulsed.of(j)]

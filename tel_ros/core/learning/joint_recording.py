@@ -1,4 +1,4 @@
-"""What was recorded of an arm's joints, whatever recorded it, and its unbroken parts on an even time grid."""
+"""A recording of an arm's joints from any source, and its unbroken parts on an even time grid."""
 
 from __future__ import annotations
 

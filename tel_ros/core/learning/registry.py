@@ -28,7 +28,7 @@ class OurKind:
 
     Args:
         new: to an untrained learner.
-        restore: to a stored one; what it raises and which arrays are finite is looked after here.
+        restore: to a stored one; :meth:`restored` checks the arrays and turns its errors into ValueError.
     """
 
     new: Callable[[LearnerContext], Learner]

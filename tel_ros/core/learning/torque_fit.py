@@ -20,7 +20,7 @@ from tel_ros.core.types import BoolArray, FloatArray
 
 UNCERTAIN = 0.5
 """Standard deviation, in units of the spread of the recorded torque, from which on a prediction says little:
-a guess without any learning has 1."""
+an untrained guess has 1."""
 _ROUNDING = 1e-9
 _PORTION = 1000
 """Queries at a time: the standard deviation of a rigid arm needs all of its regressor."""
@@ -28,7 +28,7 @@ N_FOLDS = 5
 _BLOCKS_PER_FOLD = 4
 _SHORTEST_GAP_S = 0.2
 _GAP_PERIODS = 2.0
-"""Of the cutoff: of what happened at one time, the filter has nothing left after one, on either side."""
+"""Of the cutoff: the filter spreads an event over one of them to either side."""
 _GAPS_PER_BLOCK = 4.0
 
 NewLearner = Callable[[InputRange, FloatArray, FloatArray], Learner]

@@ -234,7 +234,7 @@ class JointExcitation:
             found.append(
                 f"position, velocity and acceleration of {self.joint} go together (condition "
                 f"{self.condition:.3g}, expected at most {MOST_CONDITION_OF_JOINT:g}): inertia cannot be "
-                "told from what depends on position. Move it at several frequencies"
+                "separated from what depends on position. Move it at several frequencies"
             )
         if self.acceleration_snr < LEAST_ACCELERATION_SNR:
             found.append(
@@ -257,7 +257,7 @@ class Excitation:
         if self.condition > MOST_CONDITION_OF_ARM:
             found.append(
                 f"the joints move together (condition {self.condition:.3g}, expected at most "
-                f"{MOST_CONDITION_OF_ARM:g}): whose inertia makes a torque cannot be told. Move them on "
+                f"{MOST_CONDITION_OF_ARM:g}): which inertia makes a torque cannot be separated. Move them on "
                 "paths that differ"
             )
         return found

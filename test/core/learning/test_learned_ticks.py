@@ -8,9 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm, loops, make_bench
-from two_link_trials import rms, truth_rad
+from two_link_trials import truth_rad
 
 from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.learner import rms
 from tel_ros.core.learning.signals import TrialSignals, learning_record, training_samples
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
 from tel_ros.core.types import FloatArray, IntArray

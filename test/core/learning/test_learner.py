@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
-from two_link_trials import context, random_movement, rms, trial, truth_rad
+from two_link_trials import context, random_movement, trial, truth_rad
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.learner import outcome, training_pair
+from tel_ros.core.learning.learner import outcome, rms, training_pair
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.types import FloatArray
 

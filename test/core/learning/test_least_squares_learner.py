@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from two_link import TwoLinkArm
-from two_link_trials import context, rms, trial
+from two_link_trials import context, trial
 
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.learner import Learner
+from tel_ros.core.learning.learner import Learner, rms
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
 from tel_ros.core.learning.registry import OURS

@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from two_link_trials import INPUT_RANGE, JOINTS, context, rms, trial
+from two_link_trials import INPUT_RANGE, JOINTS, context, trial
 
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.learner import TrainingMode
+from tel_ros.core.learning.learner import TrainingMode, rms
 from tel_ros.core.learning.lms_learner import LmsLearner
 from tel_ros.core.learning.signals import TrainingSamples
 

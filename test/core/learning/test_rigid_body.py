@@ -8,9 +8,10 @@ import sys
 import numpy as np
 import pytest
 from two_link import TwoLinkArm
-from two_link_trials import JOINTS, context, random_movement, rms, trial, truth_rad, urdf
+from two_link_trials import JOINTS, context, random_movement, trial, truth_rad, urdf
 
 from tel_ros.core.errors import ConfigError
+from tel_ros.core.learning.learner import rms
 from tel_ros.core.learning.rigid_body import COULOMB_SPEED_RAD_S, RigidBodyLearner, RigidBodyRegressor
 from tel_ros.core.learning.signals import TrainingSamples
 

@@ -8,10 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from two_link import Bench, TwoLinkArm
-from two_link_trials import rms, truth_rad
+from two_link_trials import truth_rad
 
 from tel_ros.core.config import LearningConfig
 from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.learner import rms
 from tel_ros.core.learning.signals import TrialSignals, configured_samples, training_samples
 
 Record = Callable[..., TrialSignals]

@@ -88,8 +88,3 @@ def random_movement(rng: np.random.Generator, duration_s: float, size: float = 1
             q[:, joint] += size * amplitude * rng.uniform(-1.0, 1.0) / 1.5 * waves
     v = np.gradient(q, 0.02, axis=0)
     return np.hstack([q, v, np.gradient(v, 0.02, axis=0)])[2:-2]
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root of the mean square of all values."""
-    return float(np.sqrt(np.mean(values**2)))
