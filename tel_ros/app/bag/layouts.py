@@ -20,7 +20,7 @@ from pathlib import Path
 from tel_ros.app.templates import template
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording import topics
-from tel_ros.recording.export import exported_topics
+from tel_ros.recording.export import added_messages
 from tel_ros.recording.export.run_export import Export
 from tel_ros.recording.run_folder import write_atomically
 
@@ -66,7 +66,7 @@ def _values(export: Export) -> dict[str, object]:
         "file": export.file.name,
         "states": _name_in(export, topics.CONTROL_STATES),
         "result": _name_in(export, topics.TRIAL_RESULT),
-        "topics": exported_topics,
+        "topics": added_messages,
         "colours": _COLOURS,
         "camera_m": round(_CAMERA * reach_m, 3),
         "grid_m": round(_GRID * reach_m, 3),

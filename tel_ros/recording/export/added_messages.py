@@ -1,4 +1,4 @@
-"""What a view in space needs and bags do not hold: the arm's description, its links, the hand's ways."""
+"""What a 3D view needs and bags do not hold: the arm's description, its links, the hand's paths."""
 
 from __future__ import annotations
 
@@ -14,13 +14,41 @@ from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import LinkJoint, SerialChain
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.recording.bag_format import typestore
-from tel_ros.recording.export import exported_topics as added
 from tel_ros.recording.provenance import stored_config, stored_urdf
 from tel_ros.recording.trial_bag import RecordedTrial
 from tel_ros.recording.urdf import chain_to_hand, link_joints, parse_urdf
 
+ROBOT_DESCRIPTION = "/robot_description"
+"""std_msgs/String, once: the URDF as it was recorded."""
+TF = "/tf"
+"""tf2_msgs/TFMessage: the links behind joints that move."""
+TF_STATIC = "/tf_static"
+"""tf2_msgs/TFMessage, once: all other links."""
+
+_OURS = "/export"
+DESIRED_PATH = f"{_OURS}/hand_path/desired"
+"""nav_msgs/Path, once a trial, at its beginning: of the hand in RUN; empty if RUN was not reached."""
+ACTUAL_PATH = f"{_OURS}/hand_path/actual"
+EQUILIBRIUM_PATH = f"{_OURS}/hand_path/equilibrium"
+ERROR = f"{_OURS}/error_rad"
+"""std_msgs/Float64MultiArray, every tick of RUN: measured minus desired position of each joint."""
+EFFORT_LIMIT = f"{_OURS}/effort_limit_nm"
+"""std_msgs/Float64MultiArray at both ends of a trial: the limit of each joint, then its negative for each."""
+
+STREAMED = {
+    TF: "tf2_msgs/msg/TFMessage",
+    ERROR: "std_msgs/msg/Float64MultiArray",
+    EFFORT_LIMIT: "std_msgs/msg/Float64MultiArray",
+}
+ADDED = {
+    ROBOT_DESCRIPTION: "std_msgs/msg/String",
+    TF_STATIC: "tf2_msgs/msg/TFMessage",
+    **dict.fromkeys((DESIRED_PATH, ACTUAL_PATH, EQUILIBRIUM_PATH), "nav_msgs/msg/Path"),
+    **STREAMED,
+}
+"""Topic to type of everything that is added."""
 THINNED_NS = NS_PER_S // 50
-"""Least time between two poses: eyes see no more, and poses are long messages."""
+"""Least time between two poses: an eye sees no more, and poses are long messages."""
 
 Added = tuple[str, int, bytes]
 """Topic, time in the exported file [ns], serialised message."""
@@ -30,13 +58,7 @@ Added = tuple[str, int, bytes]
 class ExportedArm:
     """The arm of a run, as its bags describe it.
 
-    Args:
-        config: joints, limits, hand.
-        urdf: text of its description, as recorded.
-        root: the link that everything is placed in.
-        joints: of its tree of links.
-        chain: from the root to the hand.
-        meshes: files that the description names; none of them is in a bag.
+    ``root`` is the link that everything is placed in; ``meshes`` are files that the URDF names.
     """
 
     config: ArmConfig
@@ -48,7 +70,7 @@ class ExportedArm:
 
     @property
     def reach_m(self) -> float:
-        """Sum of the lengths of the way to the hand: no turning joint takes it further from the root."""
+        """Sum of the lengths of the links to the hand, which is never further from the root."""
         return float(sum(np.linalg.norm(joint.origin_m) for joint in self.chain.joints))
 
 
@@ -78,10 +100,10 @@ def exported_arm(bag: Path, metadata: Mapping[str, str]) -> ExportedArm:
 
 
 def messages_of_arm(arm: ExportedArm, time_ns: int) -> Iterator[Added]:
-    """Yield what is said once in a file, at its beginning."""
-    yield added.ROBOT_DESCRIPTION, time_ns, _serialised(added.ROBOT_DESCRIPTION, data=arm.urdf)
+    """Yield the messages that a file has once, at its beginning."""
+    yield ROBOT_DESCRIPTION, time_ns, _serialised(ROBOT_DESCRIPTION, data=arm.urdf)
     still = [each for each in arm.joints if each.joint.index is None]
-    yield added.TF_STATIC, time_ns, next(_transforms(added.TF_STATIC, still, _at(time_ns), np.zeros((1, 0))))
+    yield TF_STATIC, time_ns, next(_transforms(TF_STATIC, still, _at(time_ns), np.zeros((1, 0))))
 
 
 def messages_of_trial(
@@ -90,23 +112,23 @@ def messages_of_trial(
     """Return what is added to a trial, in the order of time.
 
     Args:
-        trial: its joints are those of the arm.
+        trial: of this arm.
         arm: that executed it.
         begin_ns: time of its first message in the exported file.
         end_ns: time of its last message there.
-        shift_ns: what is added to its recorded times.
+        shift_ns: added to its recorded times.
     """
     times_ns = trial.time_ns + shift_ns
     limits = np.array(arm.config.effort_limit_nm)
-    bounds = _serialised(added.EFFORT_LIMIT, **_array(np.concatenate([limits, -limits])))
-    messages: list[Added] = [(added.EFFORT_LIMIT, time_ns, bounds) for time_ns in (begin_ns, end_ns)]
+    bounds = _serialised(EFFORT_LIMIT, **_array(np.concatenate([limits, -limits])))
+    messages: list[Added] = [(EFFORT_LIMIT, time_ns, bounds) for time_ns in (begin_ns, end_ns)]
 
     run = np.flatnonzero(trial.run)
     n_joints = len(trial.joints)
     ways = {
-        added.DESIRED_PATH: trial.desired[:, :n_joints],
-        added.ACTUAL_PATH: trial.position_rad,
-        added.EQUILIBRIUM_PATH: trial.equilibrium_rad,
+        DESIRED_PATH: trial.desired[:, :n_joints],
+        ACTUAL_PATH: trial.position_rad,
+        EQUILIBRIUM_PATH: trial.equilibrium_rad,
     }
     seen = run[thinned(times_ns[run])]
     for topic, positions_rad in ways.items():
@@ -115,25 +137,16 @@ def messages_of_trial(
 
     moving = [each for each in arm.joints if each.joint.index is not None]
     rows = thinned(times_ns)
-    transforms = _transforms(added.TF, moving, times_ns[rows], trial.position_rad[rows])
-    messages += zip((added.TF,) * len(rows), map(int, times_ns[rows]), transforms, strict=True)
+    transforms = _transforms(TF, moving, times_ns[rows], trial.position_rad[rows])
+    messages += zip((TF,) * len(rows), map(int, times_ns[rows]), transforms, strict=True)
 
     error_rad = trial.position_rad - trial.desired[:, :n_joints]
-    messages += [
-        (added.ERROR, int(times_ns[k]), _serialised(added.ERROR, **_array(error_rad[k]))) for k in run
-    ]
+    messages += [(ERROR, int(times_ns[k]), _serialised(ERROR, **_array(error_rad[k]))) for k in run]
     return sorted(messages, key=lambda message: message[1])
 
 
 def thinned(times_ns: IntArray) -> IntArray:
-    """Return which of some times to keep: the first of every :data:`THINNED_NS`, and the last of all.
-
-    Args:
-        times_ns: Shape (n,).
-
-    Returns:
-        Indices, rising; none if there is no time.
-    """
+    """Return the indices of the times to keep: the first of each :data:`THINNED_NS`, and the last."""
     if not len(times_ns):
         return np.zeros(0, dtype=np.int64)
     _, first = np.unique((times_ns - times_ns[0]) // THINNED_NS, return_index=True)
@@ -202,5 +215,5 @@ def _array(values: FloatArray) -> dict[str, Any]:
 
 
 def _serialised(topic: str, **fields: Any) -> bytes:
-    store, kind = typestore(), added.ADDED[topic]
+    store, kind = typestore(), ADDED[topic]
     return bytes(store.serialize_cdr(store.types[kind](**fields), kind))

@@ -16,33 +16,27 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.bag_format import offered_qos, open_any_bag, reading, type_hash, typestore
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
-from tel_ros.recording.export import exported_topics
 from tel_ros.recording.export.added_messages import (
+    ADDED,
+    STREAMED,
     Added,
     ExportedArm,
     exported_arm,
     messages_of_arm,
     messages_of_trial,
 )
-from tel_ros.recording.export.timeline import Timeline
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bags
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
 _SYNC_S = 60.0
-"""The file is brought to the disk this often: what a crash costs can be exported again."""
+"""The file is flushed to the disk this often; after a crash the export can be repeated."""
+GAP_NS = NS_PER_S
+"""Left before a trial whose time had to be moved."""
 
 
 @dataclass(frozen=True)
 class ExportedTrial:
-    """Where a trial is in the file.
-
-    Args:
-        bag: that it comes from.
-        index: of the trial.
-        begin_s: time of its first message in the file.
-        end_s: time of its last message in the file.
-        shift_s: what was added to its recorded times.
-    """
+    """Where a trial is in the file: times of its first and last message there, and what was added to them."""
 
     bag: Path
     index: int
@@ -76,9 +70,9 @@ def export(source: Path, out: Path) -> Export:
     """Write a run, or a single trial, into one MCAP file, which is also a rosbag2 folder.
 
     Everything that was recorded is there byte by byte, with its definition; what is added to it lies on
-    topics of its own (:mod:`tel_ros.recording.export.exported_topics`). The time of a message in the file is
+    topics of its own (:data:`ADDED`). The time of a message in the file is
     the recorded one as long as that does not go back from one trial to the next
-    (:class:`tel_ros.recording.export.timeline.Timeline`); stamps inside recorded messages are never touched.
+    (:class:`Timeline`); stamps inside recorded messages are never touched.
 
     Args:
         source: folder of a run or of a bag.
@@ -116,7 +110,7 @@ def export(source: Path, out: Path) -> Export:
         writer.discard()
         raise BagError(whole.bag, str(error), "a trial as tel_ros records it") from error
     except BaseException:
-        writer.discard()  # half of a file that can be made again is of no use
+        writer.discard()  # it can be exported again
         raise
     return Export(out, out / f"{out.name}.mcap", arm, writer.counts, tuple(run.trials), left_out)
 
@@ -146,14 +140,28 @@ def _whole_trial(bag: Path) -> RecordedTrial:
         raise _LeftOutError(error.found) from error
 
 
+class Timeline:
+    """Places trials one after another; each keeps its recorded time if that comes after the trial before it.
+
+    Trials overlap where the clock was set back or began anew (a simulated arm that was restarted). The first
+    of them is moved to :data:`GAP_NS` after the trial before it, and all later ones by as much.
+    """
+
+    def __init__(self) -> None:
+        self._shift_ns = 0
+        self._end_ns: int | None = None
+
+    def place(self, first_ns: int, last_ns: int) -> int:
+        """Return what to add [ns] to the times of the next trial, given those of its two ends."""
+        if self._end_ns is not None and first_ns + self._shift_ns < self._end_ns:
+            self._shift_ns = self._end_ns + GAP_NS - first_ns
+        self._end_ns = last_ns + self._shift_ns
+        return self._shift_ns
+
+
 @dataclass
 class _RunWriter:
-    """Writes one trial after another.
-
-    Args:
-        writer: of the new bag.
-        arm: that all trials have to be of.
-    """
+    """Writes the trials of one arm after another."""
 
     writer: BagWriter
     arm: ExportedArm
@@ -174,7 +182,7 @@ class _RunWriter:
             )
         with open_any_bag(trial.bag) as reader:
             self._announce(reader)
-            # rosbags tells the end as the nanosecond behind the last message.
+            # For rosbags, the end is the nanosecond after the last message.
             first_ns, last_ns = reader.start_time, reader.end_time - 1
             shift_ns = self._timeline.place(first_ns, last_ns)
             begin_ns, end_ns = first_ns + shift_ns, last_ns + shift_ns
@@ -189,10 +197,10 @@ class _RunWriter:
         self.trials.append(ExportedTrial(trial.bag, trial.report.index, *span_s))
 
     def _announce(self, reader: AnyReader) -> None:
-        """Announce the topics of a bag that have not been before; the first bag's come with those added."""
+        """Announce the topics of a bag that are new; with the first bag also those that are added."""
         types = dict(self._types)
         for connection in reader.connections:
-            if connection.topic in exported_topics.ADDED:
+            if connection.topic in ADDED:
                 raise _LeftOutError(f"has a topic {connection.topic}, which the export adds")
             found = type_hash(reader, connection)
             if types.setdefault(connection.topic, found) != found:
@@ -206,8 +214,8 @@ class _RunWriter:
                     connection.topic, connection.msgtype, reader.typestore, _qos(connection)
                 )
         if not self.trials:
-            for topic, kind in exported_topics.ADDED.items():
-                qos = offered_qos(topic, latched=topic not in exported_topics.STREAMED)
+            for topic, kind in ADDED.items():
+                qos = offered_qos(topic, latched=topic not in STREAMED)
                 self.writer.add_topic(topic, kind, typestore(), [qos])
 
 

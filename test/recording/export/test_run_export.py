@@ -19,10 +19,9 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
-from tel_ros.recording.export import exported_topics
+from tel_ros.recording.export import added_messages
 from tel_ros.recording.export.added_messages import THINNED_NS, thinned
-from tel_ros.recording.export.run_export import Export, export
-from tel_ros.recording.export.timeline import GAP_NS
+from tel_ros.recording.export.run_export import GAP_NS, Export, export
 from tel_ros.recording.trial_bag import read_metadata, read_trial
 
 SAMPLE = Path(__file__).parents[3] / "bags" / "sample_run"
@@ -66,10 +65,10 @@ def spoil(bag: Path) -> None:
 def test_every_recorded_message_is_there_unchanged_and_at_its_time(exported: Export) -> None:
     recorded = [row for k in (1, 2) for row in rows(SAMPLE / f"trial_00{k}")]
     found = rows(exported.folder)
-    assert Counter(row for row in found if row[0] not in exported_topics.ADDED) == Counter(recorded)
+    assert Counter(row for row in found if row[0] not in added_messages.ADDED) == Counter(recorded)
     assert [trial.shift_s for trial in exported.trials] == [0.0, 0.0]
     assert Counter(topic for topic, *_ in found) == exported.counts
-    assert set(exported_topics.ADDED) <= set(exported.counts)
+    assert set(added_messages.ADDED) <= set(exported.counts)
 
 
 def test_recorded_types_and_offers_are_as_they_were(exported: Export) -> None:
@@ -80,7 +79,7 @@ def test_recorded_types_and_offers_are_as_they_were(exported: Export) -> None:
 
 def test_the_error_is_the_one_that_the_trials_result_tells(exported: Export) -> None:
     results = [result for _, result in messages(exported.folder, f"/{topics.TRIAL_RESULT}")]
-    errors = messages(exported.folder, exported_topics.ERROR)
+    errors = messages(exported.folder, added_messages.ERROR)
     for trial, result in zip(exported.trials, results, strict=True):
         begin_ns, end_ns = round(trial.begin_s * NS_PER_S), round(trial.end_s * NS_PER_S)
         error_rad = np.array([message.data for time_ns, message in errors if begin_ns <= time_ns < end_ns])
@@ -91,8 +90,8 @@ def test_the_error_is_the_one_that_the_trials_result_tells(exported: Export) -> 
 def test_links_put_the_hand_where_the_joint_states_say(exported: Export) -> None:
     heard = messages(exported.folder, f"/{topics.JOINT_STATES}")
     states = {time_ns: state.position for time_ns, state in heard}
-    ((_, still),) = messages(exported.folder, exported_topics.TF_STATIC)
-    transforms = messages(exported.folder, exported_topics.TF)
+    ((_, still),) = messages(exported.folder, added_messages.TF_STATIC)
+    transforms = messages(exported.folder, added_messages.TF)
     assert {t.header.frame_id for t in still.transforms} | {"base", "upper_arm"} == {
         "base",
         "upper_arm",
@@ -116,16 +115,16 @@ def test_links_put_the_hand_where_the_joint_states_say(exported: Export) -> None
 
 def test_poses_come_about_fifty_times_a_second(exported: Export) -> None:
     for trial in exported.trials:
-        times_ns = [time_ns for time_ns, _ in messages(exported.folder, exported_topics.TF)]
+        times_ns = [time_ns for time_ns, _ in messages(exported.folder, added_messages.TF)]
         inside = [t for t in times_ns if trial.begin_s < t / NS_PER_S < trial.end_s]
         assert len(inside) == pytest.approx(50.0 * (trial.end_s - trial.begin_s), rel=0.02)
 
 
 def test_the_paths_of_a_trial_are_there_from_its_beginning(exported: Export) -> None:
     for topic, name in (
-        (exported_topics.DESIRED_PATH, "desired"),
-        (exported_topics.ACTUAL_PATH, "position_rad"),
-        (exported_topics.EQUILIBRIUM_PATH, "equilibrium_rad"),
+        (added_messages.DESIRED_PATH, "desired"),
+        (added_messages.ACTUAL_PATH, "position_rad"),
+        (added_messages.EQUILIBRIUM_PATH, "equilibrium_rad"),
     ):
         for trial, (time_ns, path) in zip(exported.trials, messages(exported.folder, topic), strict=True):
             recorded = read_trial(trial.bag)
@@ -138,14 +137,14 @@ def test_the_paths_of_a_trial_are_there_from_its_beginning(exported: Export) -> 
 
 
 def test_limits_of_effort_are_drawn_from_end_to_end(exported: Export) -> None:
-    limits = messages(exported.folder, exported_topics.EFFORT_LIMIT)
+    limits = messages(exported.folder, added_messages.EFFORT_LIMIT)
     ends_s = [end for trial in exported.trials for end in (trial.begin_s, trial.end_s)]
     assert [time_ns / NS_PER_S for time_ns, _ in limits] == ends_s
     assert all(list(message.data) == [20.0, 20.0, -20.0, -20.0] for _, message in limits)
 
 
 def test_the_arm_is_described_as_it_was(exported: Export) -> None:
-    ((_, message),) = messages(exported.folder, exported_topics.ROBOT_DESCRIPTION)
+    ((_, message),) = messages(exported.folder, added_messages.ROBOT_DESCRIPTION)
     assert message.data == read_metadata(SAMPLE / "trial_001")["file.arm.urdf"]
 
 
@@ -158,10 +157,15 @@ def test_trials_of_a_clock_that_began_anew_come_one_after_another(run: Path, tmp
     moved = [row for row in rows(exported.folder) if row[1] >= second.begin_s * NS_PER_S]
     shift_ns = round(second.shift_s * NS_PER_S)
     recorded = [(topic, time_ns + shift_ns, raw) for topic, time_ns, raw in rows(run / "trial_001")]
-    assert Counter(row for row in moved if row[0] not in exported_topics.ADDED) == Counter(recorded)
-    for time_ns, message in messages(exported.folder, exported_topics.TF):
+    assert Counter(row for row in moved if row[0] not in added_messages.ADDED) == Counter(recorded)
+    for time_ns, message in messages(exported.folder, added_messages.TF):
         assert stamp_ns(message.transforms[0].header) == time_ns
-    for topic in (*exported_topics.STREAMED, *exported_topics.ONCE_A_TRIAL):
+    for topic in (
+        *added_messages.STREAMED,
+        added_messages.DESIRED_PATH,
+        added_messages.ACTUAL_PATH,
+        added_messages.EQUILIBRIUM_PATH,
+    ):
         times_ns = [time_ns for time_ns, _ in messages(exported.folder, topic)]
         half = len(times_ns) // 2
         assert times_ns[half:] == [time_ns + shift_ns for time_ns in times_ns[:half]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tel_ros.recording.export.timeline import GAP_NS, Timeline
+from tel_ros.recording.export.run_export import GAP_NS, Timeline
 
 
 def test_recorded_times_are_kept_as_long_as_they_do_not_go_back() -> None:
