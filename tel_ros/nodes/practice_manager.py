@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -25,13 +26,14 @@ from tel_ros.core.practice.strategy import Ending
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_result_message
 from tel_ros.nodes.lifecycle import LifecycleClient
-from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.parameters import load_parameters, on_set
 from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, RunContext
 from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.run_progress import Pause, Progress
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import NoAnswerError, namespace_hint
 from tel_ros.recording import topics
+from tel_ros.recording.config_file import with_values
 from tel_ros.recording.run_folder import open_run_folder, written_config
 from tel_ros.recording.summary import RunSummary, TrialRow
 from tel_ros.recording.waypoint_file import load_known_path, load_path
@@ -39,6 +41,8 @@ from tel_ros.recording.waypoint_file import load_known_path, load_path
 REPLAY_TIMEOUT_S = 600.0
 """Arm and controller of a resumed run first go through the earlier trials, a second or two for each."""
 STOPPING_TIMEOUT_S = 2.5
+SETTABLE = tuple(f"practice.{key}" for key in ("trials", "tolerance_rad", "step_tolerance_rad", "on_abort"))
+"""Parameters that hold from the next run on; other nodes do not depend on them."""
 
 
 class PracticeManagerNode(Node):
@@ -46,9 +50,10 @@ class PracticeManagerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("practice_manager")
-        self._config = load_parameters(
-            self, "arm", "path", "run", "practice", "learning", "control", "sim", "seed"
-        )
+        sections = ("arm", "path", "run", "practice", "learning", "control", "sim", "seed")
+        self._config = load_parameters(self, *sections, settable=SETTABLE)
+        on_set(self, SETTABLE, self._change)
+        self._changing = threading.Lock()
         self._resumed = declare_resume(self)
         self._path = load_path(self._config.path, self._config.arm)
         self._known_path = load_known_path(self._config.path, self._config.arm)
@@ -101,11 +106,18 @@ class PracticeManagerNode(Node):
         self._stop_latched = message.data
         self._stop_seen |= message.data
 
+    def _change(self, values: Mapping[str, Any]) -> None:
+        with self._changing:
+            if self._busy:
+                raise TelError("a practice run is under way and keeps its configuration; set it afterwards")
+            self._config = with_values(self._config, values, "ros2 param set")
+
     def _consider(self, goal: Practice.Goal) -> GoalResponse:
-        if self._busy or self._stopping:
-            self.get_logger().warning("goal rejected: another practice run is under way")
-            return GoalResponse.REJECT
-        self._busy = True
+        with self._changing:
+            if self._busy or self._stopping:
+                self.get_logger().warning("goal rejected: another practice run is under way")
+                return GoalResponse.REJECT
+            self._busy = True
         return GoalResponse.ACCEPT
 
     def _practise(self, goal_handle: ServerGoalHandle) -> Practice.Result:

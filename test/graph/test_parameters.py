@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.nodes.arm_guard import ArmGuardNode
 from tel_ros.nodes.parameters import load_parameters, on_set
+from tel_ros.nodes.practice_manager import PracticeManagerNode
 from tel_ros.recording.config_file import flat_values, load_config, with_values
 
 SECTIONS = ("arm", "path", "run", "practice", "learning", "control", "safety", "sim")
@@ -166,4 +167,21 @@ def test_the_guard_starts_without_a_configuration_and_has_nothing_to_guard_in_lo
         assert guard.stopped
     finally:
         guard.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_how_a_run_ends_can_be_set_between_runs_and_not_while_one_is_under_way(domain: int) -> None:
+    rclpy.init()
+    manager = PracticeManagerNode()
+    try:
+        (taken,) = manager.set_parameters([Parameter("practice.trials", value=3)])
+        assert taken.successful and manager._config.practice.trials == 3
+        (too_fine,) = manager.set_parameters([Parameter("practice.tolerance_rad", value=1.0)])
+        assert not too_fine.successful and "practice.step_tolerance_rad" in too_fine.reason
+        manager._busy = True
+        (late,) = manager.set_parameters([Parameter("practice.trials", value=4)])
+        assert not late.successful and "a practice run is under way" in late.reason
+        assert manager._config.practice.trials == 3
+    finally:
+        manager.destroy_node()
         rclpy.try_shutdown()
