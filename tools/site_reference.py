@@ -15,8 +15,8 @@ _CONFIGURATION = """\
 A run is one YAML file; `tel configs` lists those that come along. Each key below can also be set by
 `--set SECTION.KEY=VALUE`, and is a parameter of that name in the nodes that use it
 ([which ones](interfaces.md#parameters)), read-only apart from how a run ends (`practice.trials`,
-`practice.tolerance_rad`, `practice.step_tolerance_rad`, `practice.on_abort`: between runs). Units are in the names: rad, s, N·m. A key without a default has to
-be given.
+`practice.tolerance_rad`, `practice.step_tolerance_rad`, `practice.on_abort`: between runs). Units are in the
+names: rad, s, N·m. A key without a default has to be given.
 """
 _INTERFACES = """\
 # ROS interfaces
