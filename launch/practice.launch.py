@@ -11,6 +11,7 @@ ros2 action send_goal --feedback /practice tel_interfaces/action/Practice "{run_
 The return code is 1 if the run or a node failed.
 """
 
+from functools import partial
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
@@ -19,6 +20,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import PushRosNamespace
 
 from tel_ros.app.launch_graph import LaunchGraph, arguments, is_installed
+from tel_ros.nodes.robot_description import description_in
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.shared_files import named_config
 
@@ -26,7 +28,8 @@ from tel_ros.recording.shared_files import named_config
 def start_graph(context: LaunchContext) -> list:
     """Return one action for each node that the configuration needs."""
     config_file = named_config(LaunchConfiguration("config").perform(context)).resolve()
-    config, graph = load_config(config_file), LaunchGraph(context)
+    graph = LaunchGraph(context)
+    config = load_config(config_file, description=partial(description_in, graph.namespace))
     # robot_description and TF of the simulated arm; a driver brings its own.
     described = config.run.arm == "sim" and is_installed("robot_state_publisher")
     return [

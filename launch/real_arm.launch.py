@@ -16,6 +16,7 @@ https://control.ros.org/jazzy/doc/ros2_control/controller_manager/doc/userdoc.ht
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -114,20 +115,22 @@ def start_arm(context: LaunchContext) -> list[Any]:
     from launch.actions import LogInfo
 
     from tel_ros.app.launch_graph import LaunchGraph
+    from tel_ros.nodes.robot_description import description_in
 
     def argument(name: str) -> str:
         return str(context.launch_configurations[name])
 
+    graph, start, commands = LaunchGraph(context), argument("start"), argument("commands")
     config_file = named_config(argument("config")).resolve()
-    config = load_config(config_file)
+    # The driver that is started here needs the file; one that runs already has published it.
+    heard = partial(description_in, graph.namespace) if start == "nodes" else None
+    config = load_config(config_file, description=heard)
     check_arm(config, config_file)
     controller = CONTROLLERS[config.arm.command_interface]
-    start, commands = argument("start"), argument("commands")
     if commands == "inactive" and start != "driver":
         raise ConfigError("commands", commands, f"'active', because start is {start!r}")
     if argument("run_dir") and start == "driver":
         raise ConfigError("run_dir", argument("run_dir"), "nothing, because start is 'driver'")
-    graph = LaunchGraph(context)
     if start == "nodes":
         return list(graph.practice(config, config_file))
     pattern = config_folder() / "ros2_control" / PATTERNS[config.arm.command_interface]

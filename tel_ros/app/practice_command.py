@@ -78,6 +78,7 @@ def practice(
     # Imported late: `tel --help` and `tel report` need no ROS.
     from tel_ros.app.practice import practise, resume
     from tel_ros.app.progress_view import ProgressView
+    from tel_ros.nodes.robot_description import description_in
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -91,7 +92,7 @@ def practice(
         else:
             assert config_file is not None  # require_either
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
-            config = load_config(config_file, overrides)
+            config = load_config(config_file, overrides, partial(description_in, namespace))
             with ProgressView(_PROGRESS) as progress:
                 result = practise(config, folder, progress.update, beside, namespace)
     except GraphError as error:

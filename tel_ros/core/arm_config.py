@@ -23,8 +23,9 @@ class ArmConfig(Checked):
 
     name: str
     """For people to read."""
-    urdf: TextFile
-    """File with the kinematics and limits; the simulated arm takes its dynamics from it as well."""
+    urdf: TextFile = ""
+    """File with the kinematics and limits; the simulated arm takes its dynamics from it as well. Empty: from
+    the topic ``robot_description``."""
     joints: tuple[str, ...]
     """Names of the joints to move, in the order of every array and of the effort command."""
     hand_link: str

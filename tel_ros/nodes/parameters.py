@@ -13,6 +13,7 @@ import sys
 from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
 from difflib import get_close_matches
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -23,6 +24,7 @@ from rclpy.parameter import Parameter
 from tel_ros.core.config import Config
 from tel_ros.core.config_fields import Declared, declared
 from tel_ros.core.errors import ConfigError, TelError
+from tel_ros.nodes.robot_description import description_for
 from tel_ros.recording.config_file import RENAMED, flat_values, load_config, with_values
 from tel_ros.recording.shared_files import named_config
 
@@ -47,7 +49,8 @@ def load_parameters(node: Node, *sections: str, settable: Collection[str] = ()) 
         description="YAML file of a practice run, or a shipped one's name: defaults of the other parameters",
         read_only=True,
     )
-    config = load_config(named_config(node.declare_parameter(CONFIG, "paper", about_file).value))
+    file = named_config(node.declare_parameter(CONFIG, "paper", about_file).value)
+    config = load_config(file, description=partial(description_for, node))
     # rclpy has no public way to ask for these.
     given = {name: each.value for name, each in node._parameter_overrides.items()}
     source = f"parameter of {node.get_name()}"

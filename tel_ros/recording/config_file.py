@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,9 @@ def default_config_file() -> Path:
     return config_folder() / "paper.yaml"
 
 
-def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
+def load_config(
+    path: Path | str, overrides: Iterable[str] = (), description: Callable[[], Path] | None = None
+) -> Config:
     """Read a practice run, with the arm that it names, and check all of it.
 
     Args:
@@ -47,6 +49,8 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
             description itself; the files that either names are relative to it, or in a package (see
             :func:`~tel_ros.recording.shared_files.named_file`).
         overrides: ``a.b=c`` assignments that take the place of values in the files; c is YAML.
+        description: gets the file of a robot description from the graph if ``arm.urdf`` is empty; None: there
+            is no graph, so it must not be.
 
     Returns:
         The configuration, with absolute file names and the limits of the joints filled from the URDF.
@@ -71,6 +75,11 @@ def load_config(path: Path | str, overrides: Iterable[str] = ()) -> Config:
         if isinstance(values, dict) and name in values:
             values[name] = _resolved(key, values[name], file_of(key).parent)
     source_of = _overridden(raw, overrides, lambda key: str(file_of(key)))
+    arm = raw.get("arm")
+    if isinstance(arm, dict) and not arm.get("urdf"):
+        if description is None:
+            raise ConfigError("arm.urdf", "", "a URDF file: robot_description is heard in a graph alone")
+        arm["urdf"] = str(description())
     config = config_from(_renamed(raw, source_of), source_of)
     try:
         require_strategy(config.practice.strategy)

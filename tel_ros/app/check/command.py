@@ -6,6 +6,7 @@ import json
 import signal
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import click
@@ -94,6 +95,7 @@ def check(
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
     from tel_ros.app.check.run import check_arm
+    from tel_ros.nodes.robot_description import description_in
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm may move.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -109,7 +111,7 @@ def check(
 
     try:
         bounds = PulseBounds(effort_share, range_rad)
-        config = load_config(config_file, overrides)
+        config = load_config(config_file, overrides, partial(description_in, namespace))
         findings = check_arm(config, None if passive else bounds, agree, listen_s, namespace)
     except GraphError as error:
         bad_input = isinstance(error, NodeDiedError) and error.bad_input

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -132,11 +133,12 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
         signal.signal(number, lambda number, frame: stopping.append(number))
     require_view()
     from tel_ros.app.view.main import be_modest, watch
+    from tel_ros.nodes.robot_description import description_in
 
     be_modest()
     out = sys.stdout  # kept: what viser prints goes elsewhere
     watch(
-        load_config(config_file, overrides),
+        load_config(config_file, overrides, partial(description_in, namespace)),
         _new_token(),
         port,
         lambda link: click.echo(f"view    {link}", file=out),
