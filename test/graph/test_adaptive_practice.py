@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -15,7 +16,7 @@ from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.new_network import new_network
-from tel_ros.recording.run_folder import network_after
+from tel_ros.recording.run_folder import json_ready, network_after
 from tel_ros.recording.waypoint_file import load_path
 
 PLANAR = ROOT / "config" / "planar_arm.yaml"
@@ -47,6 +48,10 @@ def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: Callabl
     assert [row["reason"] for row in rows] == [practised.plan.reason for practised in offline]
     for key in ("alpha", "duration_s", "rms_error_rad", "max_error_rad", "ticks"):
         assert [row[key] for row in rows] == [getattr(done.trial.report, key) for done in offline], key
+    # Decided from the same forecasts, to the last bit.
+    expected_rad = [practised.plan.expected_rms_rad for practised in offline]
+    assert [row["expected_rms_rad"] for row in rows] == json_ready(expected_rad)
+    assert any(math.isfinite(value) for value in expected_rad)
     learned = [
         load_network(network_after(run.folder, done.plan.index)).trials_learned
         for done in offline

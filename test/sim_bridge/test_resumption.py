@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from recorded_run import record_run
 
@@ -16,11 +17,16 @@ from sim_bridge.arm import SimulatedArm
 from sim_bridge.resuming import replay_arm
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
-from tel_ros.core.practice.strategy import Ending, PlannedTrial
+from tel_ros.core.practice.learner_network import LearnerNetwork
+from tel_ros.core.practice.movement_path import forecast_trajectory
+from tel_ros.core.practice.session import PracticeSession
+from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Ending, Movement, PlannedTrial
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.resumption import earlier_trials, prepare_to_resume, resumed_config
+from tel_ros.recording.network_file import load_network
+from tel_ros.recording.resumption import RecordedNetwork, earlier_trials, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import (
     NETWORK_FILE,
     SUMMARY_FILE,
@@ -32,6 +38,7 @@ from tel_ros.recording.run_folder import (
     write_summary,
 )
 from tel_ros.recording.trial_bag import read_arm_record, read_topic
+from tel_ros.recording.waypoint_file import load_path
 
 PLANAR_ARM = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
 OVERRIDES = (
@@ -117,6 +124,42 @@ def test_the_strategy_goes_on_with_what_it_had_decided(
         expected["reason"],
     )
     assert expected["expected_rms_rad"] in (None, plan.expected_rms_rad)
+
+
+def test_forecasts_are_equal_to_the_last_bit_whether_the_network_is_in_a_file_or_in_memory(
+    whole: Path,
+) -> None:
+    config = resumed_config(whole)
+    path, movement = load_path(config.path, config.arm), Movement(3.5)
+    in_memory = LearnerNetwork(config, load_network(network_after(whole, 1)))
+    in_file = RecordedNetwork(whole, config)
+    in_file.load(1)
+    found, again = (
+        PracticeSession(config, path, None, make_strategy(config), None, network).forecast(movement)
+        for network in (in_memory, in_file)
+    )
+    np.testing.assert_array_equal(found.effort_nm, again.effort_nm)
+    np.testing.assert_array_equal(found.std_rad, again.std_rad)
+    # As the graph does: from equilibrium points, and the rounding of that has its share in decisions.
+    desired = forecast_trajectory(path, None, movement)
+    equilibrium_rad = in_memory.predict(desired).equilibrium_rad
+    stiffness, damping = (
+        np.array(values) for values in (config.arm.stiffness_nm_per_rad, config.arm.damping_nms_per_rad)
+    )
+    expected_nm = stiffness * (equilibrium_rad - desired.position_rad) - damping * desired.velocity_rad_s
+    np.testing.assert_array_equal(found.effort_nm, expected_nm)
+
+
+def test_a_network_that_was_gone_back_to_is_not_the_one_learned_meanwhile(whole: Path) -> None:
+    config = resumed_config(whole)
+    desired = forecast_trajectory(load_path(config.path, config.arm), None, Movement(3.5))
+    network = RecordedNetwork(whole, config)
+    before = network.predict(desired).equilibrium_rad
+    network.train(trial_bag(whole, 1))
+    network.save(1)
+    assert not np.array_equal(network.predict(desired).equilibrium_rad, before)
+    network.load(0)
+    np.testing.assert_array_equal(network.predict(desired).equilibrium_rad, before)
 
 
 def test_the_simulated_arm_is_where_it_was_bit_by_bit(whole: Path, interrupted: Callable[..., Path]) -> None:
