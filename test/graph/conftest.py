@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from graph_harness import PAPER, Graph, TelProcess
+from graph_harness import COARSE, PAPER, SHORT, Graph, TelProcess
 
 from tel_ros.recording.config_file import load_config
 
@@ -46,13 +46,25 @@ def tel(tmp_path: Path) -> Iterator[Callable[..., TelProcess]]:
             process.process.communicate(timeout=10.0)
 
 
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory: pytest.TempPathFactory, ros_domains: Iterator[int]) -> TelProcess:
+    """Return a finished run of ``SHORT`` that nothing has disturbed; whoever looks at one shares it."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    arguments = ["practice", str(PAPER), "--out", str(folder), "--no-report", "--json"]
+    arguments += [part for override in SHORT for part in ("--set", override)]
+    environment = {"ROS_DOMAIN_ID": str(next(ros_domains)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    run = TelProcess(arguments, folder, environment)
+    run.finish(180.0)
+    return run
+
+
 @pytest.fixture
 def graph(tmp_path: Path, domain: int) -> Iterator[Callable[..., Graph]]:
     """Return a function that starts nodes with overrides of the paper's configuration."""
     running: list[Graph] = []
 
     def start(names: list[str], *overrides: str) -> Graph:
-        made = Graph(load_config(PAPER, overrides), tmp_path / "graph", names, domain)
+        made = Graph(load_config(PAPER, (*COARSE, *overrides)), tmp_path / "graph", names, domain)
         running.append(made)
         return made.__enter__()
 

@@ -39,13 +39,16 @@ ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "config" / "paper.yaml"
 PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
 """A machine that stands still for a second does not end a trial: time-outs are tested on their own."""
+COARSE = ("control.rate_hz=200", "control.settle_time_s=0.2")
+"""Ticks cost the tests most, next to starting processes; at 500 Hz there are more, and nothing else."""
 MOVING_RAD_S = 0.5
 """A joint at this speed is in mid-motion."""
 QUICK = (
     *("practice.trials=3", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
-    *("control.approach_speed_rad_s=1.5", *PATIENT),
+    *("control.approach_speed_rad_s=1.5", *COARSE, *PATIENT),
 )
 """A practice run of a few seconds."""
+SHORT = (*QUICK, "practice.trials=2", "practice.goal_duration_s=3.5")
 
 
 class TelProcess:
@@ -69,6 +72,7 @@ class TelProcess:
             env={**os.environ, **environment},
         )
         self._seen: dict[str, psutil.Process] = {}
+        self._said: tuple[str, str] | None = None
 
     def nodes(self) -> dict[str, psutil.Process]:
         """Return the processes of the nodes that it has started so far."""
@@ -95,13 +99,14 @@ class TelProcess:
 
     def finish(self, timeout_s: float = 90.0) -> tuple[int, str, str]:
         """Wait for the end; return exit code, stdout and stderr."""
-        self.nodes()
-        try:
-            out, err = self.process.communicate(timeout=timeout_s)
-        except subprocess.TimeoutExpired:
-            self.kill()
-            raise
-        return self.process.returncode, out, err
+        if self._said is None:
+            self.nodes()
+            try:
+                self._said = self.process.communicate(timeout=timeout_s)
+            except subprocess.TimeoutExpired:
+                self.kill()
+                raise
+        return self.process.returncode, *self._said
 
     def left_behind(self) -> list[str]:
         """Return the names of nodes that still run."""

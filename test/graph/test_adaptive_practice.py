@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 import pytest
-from graph_harness import ROOT, TelProcess, summary_of
+from graph_harness import COARSE, ROOT, TelProcess, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.run_theory import run_theory
@@ -25,7 +25,7 @@ TOO_FAST_AT_FIRST = (
     "practice.first_duration_s=6.0",
     "practice.goal_duration_s=4.0",
     "practice.trials=4",
-    "control.path_tolerance_rad=0.35",
+    *("control.path_tolerance_rad=0.35", *COARSE),
 )
 """The first trial leaves the corridor, so that the run goes back to the network that it began with; four
 trials are not enough for the goal."""

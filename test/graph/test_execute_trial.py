@@ -41,7 +41,7 @@ def test_a_trial_runs_from_rest_to_rest_and_reports_what_the_control_states_show
     running.spin_until(lambda: len(of_trial(states)) == result.ticks, 10.0, "all control states")
     states = of_trial(states)
     run = [s for s in states if s.phase == ControlState.RUN]
-    assert len(run) == 2501
+    assert len(run) == 1001
     error = np.array([s.position_rad for s in run]) - np.array([s.desired_position_rad for s in run])
     assert result.rms_error_rad == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
     assert result.max_error_rad == pytest.approx(np.abs(error).max(), rel=1e-9)
@@ -77,10 +77,10 @@ REFUSALS = {
     "not finite": "position_rad is nan for joint 1 at point 50; expected finite numbers",
     "command not finite": "the equilibrium trajectory is inf for joint 2 at point 3",
     "time goes back": "expected strictly increasing times",
-    "outside joint limits": "shoulder should be at 3.500 rad at 0.100 s; expected -2.900 to 2.900 rad",
+    "outside joint limits": "shoulder should be at 3.500 rad at 0.250 s; expected -2.900 to 2.900 rad",
     "too fast": "shoulder should be at 50.000 rad/s",
     "does not end at rest": "starts or ends with 1.000 rad/s; expected rest",
-    "too few commands": "equilibrium_rad has 5000 values; expected 2501 points of 2 joints",
+    "too few commands": "equilibrium_rad has 2000 values; expected 1001 points of 2 joints",
     "empty": "the trajectory is for the joints (none)",
 }
 

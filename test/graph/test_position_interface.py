@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from graph_harness import PATIENT, Graph, TelProcess, summary_of
+from graph_harness import COARSE, PATIENT, Graph, TelProcess, summary_of
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import TrialResult
@@ -28,7 +28,7 @@ def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
     tel: Callable[..., TelProcess],
 ) -> None:
     quick = ("practice.trials=1", "practice.first_duration_s=4.0", "practice.goal_duration_s=4.0")
-    run = tel(POSITION, *quick, "control.approach_speed_rad_s=1.5", *PATIENT)
+    run = tel(POSITION, *quick, "control.approach_speed_rad_s=1.5", *COARSE, *PATIENT)
     code, out, err = run.finish()
     assert code == 0, err
     config = load_config(run.folder / CONFIG_FILE)

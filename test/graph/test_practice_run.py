@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from graph_harness import PATIENT, QUICK, TelProcess, summary_of, wait_until
+from graph_harness import PATIENT, QUICK, SHORT, TelProcess, summary_of, wait_until
 from rosbags.highlevel import AnyReader
 
 from tel_ros.core.trial import Outcome
@@ -26,20 +26,24 @@ pytestmark = pytest.mark.timeout(150)
 
 STOOD_STILL_S = 0.05
 PERIOD_NS = 2_000_000
-LONG_SECOND_TRIAL = (*QUICK, "practice.trials=2", "practice.durations_s=[3.0, 12.0]")
+LONG_SECOND_TRIAL = (*QUICK, "practice.trials=2", "practice.durations_s=[3.5, 12.0]")
 """Whoever does something in mid-trial has seconds for it, also where this process waits for a core."""
 NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager"]
 
 
 def recorded(bag: Path, topic: str) -> list[tuple[int, bytes]]:
-    """Return time and content of a topic's messages, serialised anew: padding is not set to anything."""
+    """Return time and content of a topic's messages, each once, serialised anew: padding is random.
+
+    In lockstep the arm repeats its state until it is answered, which depends on how busy the machine is.
+    """
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == topic]
         store = reader.typestore
-        return [
+        messages = [
             (time_ns, bytes(store.serialize_cdr(store.deserialize_cdr(raw, c.msgtype), c.msgtype)))
             for c, time_ns, raw in reader.messages(connections=connections)
         ]
+    return list(dict.fromkeys(messages))
 
 
 def without_wall_clock(summary: dict[str, Any]) -> dict[str, Any]:
@@ -47,14 +51,14 @@ def without_wall_clock(summary: dict[str, Any]) -> dict[str, Any]:
     return {**summary, "trials": rows, "run": None}
 
 
-def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel: Tel) -> None:
-    run = tel(*QUICK)
+def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(whole_run: TelProcess) -> None:
+    run = whole_run
     code, out, err = run.finish()
     assert code == 0, err
     summary = summary_of(out)
     rows = summary["trials"]
     assert summary["outcome"] == "completed"
-    assert [row["duration_s"] for row in rows] == [4.0, 3.5, 3.0]
+    assert [row["duration_s"] for row in rows] == [4.0, 3.5]
     # One trial teaches enough to more than halve the error, although the next trial is faster.
     assert rows[1]["rms_error_rad"] < 0.5 * rows[0]["rms_error_rad"]
     for row in rows:
@@ -65,16 +69,17 @@ def test_a_practice_run_learns_and_leaves_whole_bags_a_network_and_a_summary(tel
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row["rms_error_rad"], rel=1e-9)
         assert len(trial.time_ns) == row["ticks"]
         assert row["training_rms_after_rad"] < row["training_rms_before_rad"]
-    assert load_network(run.folder / "network" / "network.npz").trials_learned == 3
+    assert load_network(run.folder / "network" / "network.npz").trials_learned == 2
     assert run.left_behind() == []
     assert not (run.folder / ".unfinished").exists()
 
 
-def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(tel: Tel) -> None:
-    two_trials = (*QUICK, "practice.trials=2")
-    first = tel(*two_trials, name="first")
+def test_two_runs_of_a_configuration_are_bit_identical_with_either_executor(
+    whole_run: TelProcess, tel: Tel
+) -> None:
+    first = whole_run
     code_1, out_1, err_1 = first.finish()
-    second = tel(*two_trials, name="second", TEL_ROS_PLAIN_EXECUTOR="1")
+    second = tel(*SHORT, name="second", TEL_ROS_PLAIN_EXECUTOR="1")
     code_2, out_2, err_2 = second.finish()
     assert (code_1, code_2) == (0, 0), err_1 + err_2
     assert without_wall_clock(summary_of(out_1)) == without_wall_clock(summary_of(out_2))
@@ -126,18 +131,6 @@ def test_a_killed_node_ends_the_run_with_its_name_and_leaves_no_process(tel: Tel
     assert not unfinished.exists() or read_trial(unfinished).report.outcome != Outcome.COMPLETED
 
 
-def test_an_interrupted_run_brings_the_arm_to_rest_and_ends_every_process(tel: Tel) -> None:
-    run = tel(*LONG_SECOND_TRIAL)
-    run.wait_until_moving(trial=2)
-    run.process.send_signal(signal.SIGINT)
-    code, _, err = run.finish()
-    assert code == 130
-    assert "interrupted" in err
-    assert run.left_behind() == []
-    log = (run.folder / "log" / "ep_controller.log").read_text()
-    assert "trial 2: CANCELLED" in log  # only said once the arm is at rest
-
-
 def test_no_node_outlives_a_killed_supervisor(tel: Tel) -> None:
     run = tel(*QUICK)
     run.wait_until_moving(trial=1)
@@ -158,7 +151,9 @@ def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> N
     assert np.abs(trial.velocity_rad_s[-1]).max() < 0.1  # and its end shows the arm at rest
 
 
-def test_a_second_graph_on_the_same_domain_is_refused_before_anything_moves(tel: Tel) -> None:
+def test_a_second_graph_is_refused_before_anything_moves_and_an_interrupted_one_brings_the_arm_to_rest(
+    tel: Tel,
+) -> None:
     # However slowly this machine runs two graphs at once, the first one waits, and is not done before.
     first = tel(*QUICK, "practice.trials=40", "sim.lockstep_timeout_s=30.0", name="first")
     first.wait_until_moving(trial=1)
@@ -167,10 +162,19 @@ def test_a_second_graph_on_the_same_domain_is_refused_before_anything_moves(tel:
     assert code == 2
     assert out == ""
     assert f"ROS_DOMAIN_ID is '{os.environ['ROS_DOMAIN_ID']}'" in err
-    assert "expected a domain without a running graph (found" in err
+    assert "without a running graph (found" in err
     assert not second.folder.exists()
+
+    log = first.folder / "log" / "ep_controller.log"
+    under_way = log.read_text().count("trial ")  # the signal comes in mid-trial
+    wait_until(lambda: log.read_text().count("trial ") > under_way, 60.0, "a trial")
+    time.sleep(0.3)
     first.process.send_signal(signal.SIGINT)
-    assert first.finish()[0] == 130
+    code, _, err = first.finish()
+    assert code == 130
+    assert "interrupted" in err
+    assert first.left_behind() == []
+    assert ": CANCELLED" in log.read_text()  # only said once the arm is at rest
 
 
 def test_an_external_arm_that_is_not_there_is_reported_and_nothing_simulated_starts(tel: Tel) -> None:

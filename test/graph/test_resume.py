@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from graph_harness import PAPER, PATIENT, TelProcess, summary_of, wait_until
+from graph_harness import PAPER, SHORT, TelProcess, summary_of, wait_until
 
 from tel_ros.recording.run_folder import NETWORK_FILE
 
@@ -15,22 +15,20 @@ pytestmark = pytest.mark.timeout(600)
 
 FINISH_S = 180.0
 
-SHORT = (
-    *("practice.trials=2", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
-    *("control.approach_speed_rad_s=1.5", "sim.position_noise_rad=0.0001", "sim.command_delay_s=0.004"),
-    *("control.settle_time_s=0.2", "learning.gaussians_per_input=5"),
-    "learning.weights=least_squares",
-    *PATIENT,
+
+NOISY = (
+    *(*SHORT, "sim.position_noise_rad=0.0001", "sim.command_delay_s=0.01"),
+    *("learning.gaussians_per_input=5", "learning.weights=least_squares"),
 )
 
 
 def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel) -> None:
-    whole = tel(*SHORT, name="whole")
+    whole = tel(*NOISY, name="whole")
     code, out, err = whole.finish(FINISH_S)
     assert code == 0, err
     expected = summary_of(out)
 
-    killed = tel(*SHORT, name="killed")
+    killed = tel(*NOISY, name="killed")
     killed.wait_until_moving(trial=2, timeout_s=FINISH_S)
     killed.kill()
     killed.process.communicate(timeout=10.0)
