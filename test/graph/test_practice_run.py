@@ -32,18 +32,15 @@ NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "p
 
 
 def recorded(bag: Path, topic: str) -> list[tuple[int, bytes]]:
-    """Return time and content of a topic's messages, each once, serialised anew: padding is random.
-
-    In lockstep the arm repeats its state until it is answered, which depends on how busy the machine is.
-    """
+    """Return time and content of a topic's messages, serialised anew: padding is not set to anything."""
     with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
+        connections = [c for c in reader.connections if c.topic == topics.absolute(topic)]
+        assert connections  # without any, all messages would come
         store = reader.typestore
-        messages = [
+        return [
             (time_ns, bytes(store.serialize_cdr(store.deserialize_cdr(raw, c.msgtype), c.msgtype)))
             for c, time_ns, raw in reader.messages(connections=connections)
         ]
-    return list(dict.fromkeys(messages))
 
 
 def without_wall_clock(summary: dict[str, Any]) -> dict[str, Any]:
