@@ -147,19 +147,14 @@ class SafetyServices:
 
     Args:
         node: that commands the arm.
-        stop: stops it, for the reason given.
+        controller: returns the present one.
         why_not_reset: tells why a reset has to wait; empty: it need not.
-        reset: allows trials again.
     """
 
     def __init__(
-        self,
-        node: Node,
-        stop: Callable[[str], None],
-        why_not_reset: Callable[[], str],
-        reset: Callable[[], None],
+        self, node: Node, controller: Callable[[], EpController], why_not_reset: Callable[[], str]
     ) -> None:
-        self._node, self._stop_arm, self._why_not_reset, self._reset_arm = node, stop, why_not_reset, reset
+        self._node, self._controller, self._why_not_reset = node, controller, why_not_reset
         self.reason = ""
         """Why the stop is latched; empty: it is not."""
         self._stopped_pub = node.create_publisher(Bool, topics.SAFETY_STOPPED, qos.LATCHED)
@@ -173,7 +168,9 @@ class SafetyServices:
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.reason = f"emergency stop ({self.stop_name})"
-        self._stop_arm(self.reason)  # also if it is latched already: asking twice is asking to stop
+        self._controller().stop_for(
+            self.reason
+        )  # also if it is latched already: asking twice is asking to stop
         self._tell()
         self._node.get_logger().error(f"{self.reason}: latched until {self.reset_name}")
         response.success, response.message = True, f"stopped until {self.reset_name}"
@@ -186,7 +183,7 @@ class SafetyServices:
             self._node.get_logger().warning(response.message)
             return response
         self.reason = ""
-        self._reset_arm()
+        self._controller().reset_stop()
         self._tell()
         response.success, response.message = True, "reset: trials are accepted again"
         self._node.get_logger().info(response.message)

@@ -58,9 +58,7 @@ class EpControllerNode(ManagedNode):
         run = declare_resume(self)
         # A real arm may have been moved meanwhile: what was held then is nothing to go on from.
         if run is not None and waits and not replay_control(self._controller, run, self._joints):
-            self.get_logger().warning(
-                "not all of what was decided is recorded: the arm is picked up where it is"
-            )
+            self.get_logger().warning("not all decisions are recorded: the arm is picked up where it is")
             self._controller = self._make_controller()
         self._interface = arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
@@ -86,27 +84,18 @@ class EpControllerNode(ManagedNode):
 
         # Also before it is active: listening does no harm, and tells whether there is an arm.
         self._states = RateMeter()
-        self.busy_subscriptions = [
-            busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
-        ]
-        self._states_topic: str = self.busy_subscriptions[0].topic_name
+        states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
+        self.busy_subscriptions, self._states_topic = [states], str(states.topic_name)
         self.create_timer(WATCHDOG_PERIOD_S, self._watch)
         self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
         self.create_timer(READY_PERIOD_S, self._publish_ready)
-        self._trials = TrialServer(
-            self, self._joints, self._begin, lambda: self._controller.cancel(), self._timer
-        )
+        self._trials = TrialServer(self, self._joints, self._begin, self._cancel, self._timer)
         self.create_timer(FEEDBACK_PERIOD_S, lambda: self._trials.publish_feedback(self._controller))
-        self._safety = SafetyServices(
-            self,
-            lambda reason: self._controller.stop_for(reason),
-            self._why_not_reset,
-            lambda: self._controller.reset_stop(),
-        )
-        self._diagnostics = Diagnostics(self, "control loop", config.arm.name, self._health)
+        self._safety = SafetyServices(self, lambda: self._controller, self._why_not_reset)
+        self._diagnostics = Diagnostics(self, "control loop", arm.name, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
         self.get_logger().info("waits to be configured and activated")
@@ -116,9 +105,8 @@ class EpControllerNode(ManagedNode):
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
         self._channel = CommandChannel(self, self._interface)
-        self._state_pub = self.create_publisher(
-            ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
-        )
+        topic = topics.private(topics.CONTROL_STATES)
+        self._state_pub = self.create_publisher(ControlState, topic, qos.STREAM)
 
     def activate(self) -> None:
         """Open the channel; nothing is commanded before the first trial.
@@ -142,9 +130,8 @@ class EpControllerNode(ManagedNode):
                 f"a trial is under way; cancel it, or call {self._safety.stop_name}, and wait for its end"
             )
         if self._moves():
-            raise TransitionRefusedError(
-                f"the arm moves; wait until it rests, or call {self._safety.stop_name}"
-            )
+            stop = self._safety.stop_name
+            raise TransitionRefusedError(f"the arm moves; wait until it rests, or call {stop}")
         self._release(hold=self._holds_at_the_end)
 
     def cleanup(self) -> None:
@@ -206,13 +193,8 @@ class EpControllerNode(ManagedNode):
             self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
 
     def _act_on(self, state: ArmState, arrived_ns: int) -> None:
-        stands_still = not (
-            self._controller.active
-            or self._controller.braking
-            or self._answers_between_trials
-            or self._is_stopping()
-        )
-        if stands_still:
+        moves = self._controller.active or self._controller.braking or self._is_stopping()
+        if not (moves or self._answers_between_trials):
             self._commanding = False
         elif state.time_ns != self._answered_ns:
             self._answer(state, arrived_ns)
@@ -314,6 +296,9 @@ class EpControllerNode(ManagedNode):
         if obstacle:
             raise StateError(obstacle)
         self._controller.start(goal)
+
+    def _cancel(self) -> None:
+        self._controller.cancel()
 
     def _obstacle(self) -> str:
         """Return why no trial can begin now, apart from what the arm does; empty: one can."""

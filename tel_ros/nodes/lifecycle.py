@@ -31,6 +31,10 @@ class TransitionRefusedError(TelError):
     """A managed node does not do a transition now; it stays in the state that it is in."""
 
 
+def _transition(hook: str) -> Callable[[ManagedNode, LifecycleState], TransitionCallbackReturn]:
+    return lambda node, state: node._do(getattr(node, hook))
+
+
 class ManagedNode(LifecycleNode):
     """A managed node whose hooks raise :class:`TransitionRefusedError` to refuse a transition.
 
@@ -79,29 +83,12 @@ class ManagedNode(LifecycleNode):
     def give_up(self) -> None:
         """Make safe whatever a failed transition may have left behind."""
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure."""
-        return self._do(self.configure)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate."""
-        return self._do(self.activate)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate."""
-        return self._do(self.deactivate)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up."""
-        return self._do(self.cleanup)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Shut down."""
-        return self._do(self.shutdown)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make safe what a failed transition has left behind."""
-        return self._do(self.give_up)
+    on_configure = _transition("configure")
+    on_activate = _transition("activate")
+    on_deactivate = _transition("deactivate")
+    on_cleanup = _transition("cleanup")
+    on_shutdown = _transition("shutdown")
+    on_error = _transition("give_up")
 
     def _do(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
         try:

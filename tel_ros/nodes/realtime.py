@@ -40,13 +40,10 @@ def apply_realtime_options(node: Node, control: ControlConfig) -> None:
 
     To be called when the node is complete: threads that exist get the priority, and later ones inherit it.
     """
+    log = node.get_logger()
     for outcome in (set_priority(control.realtime_priority), lock_memory(control.lock_memory)):
-        if outcome is None:
-            continue
-        if outcome.applied:
-            node.get_logger().info(outcome.text)
-        else:
-            node.get_logger().warning(outcome.text)
+        if outcome is not None:
+            log.info(outcome.text) if outcome.applied else log.warning(outcome.text)
 
 
 def set_priority(priority: int, but: Collection[int] = ()) -> OptionOutcome | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 import time
@@ -17,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.hot_loop import spin_hot
-from tel_ros.nodes.transport import use_transport_profile
+from tel_ros.recording.shared_files import config_folder
 
 EXIT_BAD_INPUT = 2
 _SIGNAL_CHECK_S = 0.2
@@ -25,6 +26,21 @@ _LONGEST_STOP_S = 3.0  # less than `ros2 launch` waits before it becomes rude
 _LAST_WORDS_S = 0.2  # for results that are on their way to whoever waits for them
 _SAME_REQUEST_S = 1.0
 _WISHES = ("batch_s", "pace", "turn_period_s")
+
+
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Where Fast DDS looks for profiles."""
+
+
+def use_transport_profile() -> None:
+    """Have Fast DDS use ``config/fastdds.xml`` in this process, unless the user has named another file.
+
+    To be called before the first node is made.
+
+    Raises:
+        InputFileError: the package is not installed completely.
+    """
+    os.environ.setdefault(PROFILES_VARIABLE, str(config_folder() / "fastdds.xml"))
 
 
 class Stoppable(Protocol):

@@ -40,13 +40,11 @@ class EpController:
         self._configured = self._springs = Springs.of(arm)
         self.safety = SafetyLayer(arm, safety, control.rate_hz)
         """Through which every effort goes."""
-        self._set_point = (
-            SetPointGuard(arm, control.state_timeout_s) if arm.command_interface == "position" else None
-        )
+        position = arm.command_interface == "position"
+        self._set_point = SetPointGuard(arm, control.state_timeout_s) if position else None
         # A position drive cannot release an arm: it holds its last set point.
-        self._releases = safety.final_effort == "zero" and self._set_point is None
-        self._control = control
-        self._age = StateAge(control.state_timeout_s)
+        self._releases = safety.final_effort == "zero" and not position
+        self._control, self._age = control, StateAge(control.state_timeout_s)
         self._settle_timeout_ns = round(control.settle_timeout_s * NS_PER_S)
         self.phase = Phase.IDLE
         self.report: TrialReport | None = None
@@ -57,10 +55,9 @@ class EpController:
         self._velocity = np.zeros(len(arm.joints))
         self._approach: Approach | None = None
         self._way_back = self.limits
-        self._hold = Hold()
+        self._hold, self._releasing = Hold(), False
         self._exerted_nm: FloatArray | None = None
         """By the springs in this tick; None: they tell nothing of a load."""
-        self._releasing = False
         self.stopped_for: str | None = None
         """Why no trial may start until :meth:`reset_stop`; None: one may."""
         self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
@@ -85,8 +82,7 @@ class EpController:
     def braking(self) -> bool:
         """Whether an arm whose trial has ended is still being brought to rest; while it moves, none starts.
 
-        So it is after a loss of the states, which ends a trial in mid-motion, and when the brake has taken
-        longer than a trial waits for it.
+        A loss of the states ends a trial in mid-motion, and the brake may take longer than a trial waits.
         """
         return self.phase == Phase.STOP and not (self.active or self._releasing or self._still)
 
@@ -127,10 +123,10 @@ class EpController:
         if self.braking and np.abs(self._velocity).max() >= self._control.settle_speed_rad_s:
             raise TrajectoryError("the arm is still being braked; a trial starts from rest")
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
-        if goal.springs is not None:
-            goal.springs.require_within(self._control.max_stiffness_factor, self._configured)
-            if self._set_point is not None and not goal.springs.equal(self._configured):
-                raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
+        springs = goal.springs or self._configured
+        springs.require_within(self._control.max_stiffness_factor, self._configured)
+        if self._set_point is not None and not springs.equal(self._configured):
+            raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
         self.safety.response.forgive()
         self._trial, self.report = TrialCourse(goal), None
         # What is held at present is left smoothly; an arm that nobody holds is picked up where it is.
@@ -216,34 +212,20 @@ class EpController:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(trial, state)
         self._equilibrium, effort, saturated = self._command(state, target)
-        return Tick(
-            phase=self.phase,
-            time_from_start_s=self.time_from_start_s,
-            desired_position_rad=target.position,
-            desired_velocity_rad_s=target.velocity,
-            desired_acceleration_rad_s2=target.acceleration,
-            equilibrium_rad=self._equilibrium,
-            effort_nm=effort,
-            saturated=saturated,
-        )
+        desired = (target.position, target.velocity, target.acceleration)
+        return Tick(self.phase, self.time_from_start_s, *desired, self._equilibrium, effort, saturated)
 
     def conclude(self, state: ArmState, tick: Tick) -> None:
-        """Keep the books of a tick, for which a command that is on its way need not wait.
-
-        Args:
-            state: that :meth:`decide` was given.
-            tick: that it has returned.
-        """
+        """Keep the books of a tick that :meth:`decide` has returned; the command need not wait for this."""
         if self._exerted_nm is not None:
             self._hold.load.add(state.time_ns, self._exerted_nm)
         if tick.phase == Phase.RUN and self._trial is not None:
-            self._trial.score.add(
-                state.position_rad - tick.desired_position_rad, tick.effort_nm, tick.saturated
-            )
+            error_rad = state.position_rad - tick.desired_position_rad
+            self._trial.score.add(error_rad, tick.effort_nm, tick.saturated)
         self._finish_if_over(state.time_ns)
 
     def _command(self, state: ArmState, target: Target) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return equilibrium points, efforts, and whether something but the springs has decided on them."""
+        """Return equilibrium points, efforts, and where these are not what the springs want."""
         permitted = self._effort(state, target)
         if self._set_point is None:
             return target.equilibrium, *permitted
@@ -289,9 +271,8 @@ class EpController:
             start = state.position_rad
         else:
             # Other springs go on with the effort that the ones before exert now.
-            start = self._springs.equilibrium_for(
-                held, self._equilibrium, state.position_rad, state.velocity_rad_s
-            )
+            q, v = state.position_rad, state.velocity_rad_s
+            start = self._springs.equilibrium_for(held, self._equilibrium, q, v)
         self._approach = Approach(start, goal.equilibrium_rad[0], self._control.approach_speed_rad_s)
         self._way_back = self.limits.reaching(state.position_rad)
         self._phase_ns = state.time_ns
@@ -355,10 +336,8 @@ class EpController:
     def _finish_if_over(self, time_ns: int) -> None:
         if self.stopped_for is not None and self._releases and self.phase == Phase.STOP:
             self._releasing = self._releasing or self._rested(time_ns)
-        trial = self._trial
-        if trial is None or not self.active or self.phase not in (Phase.HOLD, Phase.STOP):
-            return
-        if not self._rested(time_ns):
+        trial, resting = self._trial, self.phase in (Phase.HOLD, Phase.STOP)
+        if trial is None or not (self.active and resting and self._rested(time_ns)):
             return
         if self.phase == Phase.HOLD and not self._still:
             self._stop(Outcome.ABORTED, self._restless("after the movement"))
