@@ -86,10 +86,6 @@ class CompetingPublishers:
     """Looks for others that command the arm, and for a second publisher of its states.
 
     A publisher whose node is not known yet is not counted.
-
-    Args:
-        node: that commands.
-        command_topic: on which it does.
     """
 
     def __init__(self, node: Node, command_topic: str) -> None:

@@ -149,14 +149,8 @@ def to_goal_message(
 ) -> TrialGoalMessage:
     """Return the goal of a trial as a message.
 
-    Args:
-        trial: number of the trial.
-        alpha: practice parameter.
-        joints: names, in the order of all columns.
-        desired: y.
-        equilibrium_rad: û. Shape (n, n_joints).
-        std_rad: standard deviation of the error in û, flat, point by point; or empty.
-        springs: K and B; None: as configured.
+    ``equilibrium_rad`` has shape (n, n_joints); ``std_rad``, the standard deviation of the error in it, is
+    flat, point by point, or empty. Without springs they are as configured.
     """
     return TrialGoalMessage(
         trial=trial,

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -43,27 +42,16 @@ def use_transport_profile() -> None:
     os.environ.setdefault(PROFILES_VARIABLE, str(config_folder() / "fastdds.xml"))
 
 
-class Stoppable(Protocol):
-    """A node that has something to bring to an end before it goes."""
-
-    def stop(self) -> None:
-        """Begin to stop."""
-
-    @property
-    def stopped(self) -> bool:
-        """Whether the node may go now."""
-
-
 def run_node(
     make_node: Callable[[], Node], make_executor: Callable[[], Executor] = SingleThreadedExecutor
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
     A node may have ``busy_subscriptions``, ``batch_s`` and ``turn_period_s`` for them, and a ``pace`` (see
-    :func:`spin_hot`).
+    :func:`spin_hot`). A node that has something to bring to an end first has ``stop()`` and ``stopped``.
 
     rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
-    command any more. A node that is :class:`Stoppable` is spun on until it has stopped, for 3 s at most.
+    command any more. A node that has to stop is spun on until it has ``stopped``, for 3 s at most.
     A signal that comes a second later or more ends it at once; two together are one request, as Ctrl-C under
     ``ros2 launch`` makes them. The exit code is 2 if the node could not use what it was given.
     """

@@ -82,22 +82,13 @@ class CommandGuard:
         return self._releasing and not self.safety.last_nm.any() if self._releases else self._rested
 
     def on_command(self, effort_nm: FloatArray, now_s: float) -> None:
-        """Take in a command from another node; the guard's own must not come here.
-
-        Args:
-            effort_nm: as heard.
-            now_s: of a monotonic clock.
-        """
+        """Take in a command from another node, at a time of a monotonic clock; not the guard's own."""
         if effort_nm.shape == (self._n_joints,) and np.isfinite(effort_nm).all():
             self._heard_nm, self._heard_at_s = effort_nm.copy(), now_s
             self.active = False
 
     def on_state(self, state: ArmState, now_s: float) -> FloatArray | None:
         """Take in a measured state; one with the stamp of the last one is passed over.
-
-        Args:
-            state: as measured.
-            now_s: of the clock of :meth:`on_command`.
 
         Returns:
             The effort in N·m to command, shape (n_joints,); None: nothing is to be commanded.

@@ -175,11 +175,7 @@ class Hold:
     def equilibrium(self, state: ArmState, springs: Springs, at_rest: bool, late: bool = False) -> FloatArray:
         """Return the equilibrium points that brake the arm. Shape (n_joints,).
 
-        Args:
-            state: as measured.
-            springs: that pull.
-            at_rest: the arm is.
-            late: less than half of the effort will act.
+        ``late``: less than half of the effort will act.
         """
         if not late:
             self._late_since_ns = None

@@ -34,11 +34,7 @@ class Target(NamedTuple):
 
 
 class GoalPoints:
-    """The points of a goal, looked at from the first to the last.
-
-    Args:
-        goal: of the trial.
-    """
+    """The points of a goal, looked at from the first to the last."""
 
     def __init__(self, goal: TrialGoal) -> None:
         desired = goal.desired
@@ -109,14 +105,9 @@ class Approach:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a goal may ask for, and what ends a trial: joint ranges, velocity limits and the path tolerance.
+    """What a goal may ask for, and what ends a trial. Arrays of shape (n_joints,).
 
-    Args:
-        joints: names, for messages.
-        position_min_rad: shape (n_joints,).
-        position_max_rad: shape (n_joints,).
-        velocity_rad_s: shape (n_joints,).
-        path_tolerance_rad: largest allowed distance of any joint from its desired position.
+    The path tolerance is the largest allowed distance of any joint from its desired position.
     """
 
     joints: tuple[str, ...]
@@ -134,11 +125,7 @@ class Limits:
         return cls(arm.joints, low, high, fastest, path_tolerance_rad)
 
     def reaching(self, position_rad: FloatArray) -> Limits:
-        """Return limits whose range includes a posture outside, so that the arm may come back from there.
-
-        Args:
-            position_rad: where the arm is. Shape (n_joints,).
-        """
+        """Return limits whose range includes where the arm is, so that it may come back from outside."""
         return replace(
             self,
             position_min_rad=np.minimum(self.position_min_rad, position_rad - _WAY_BACK_MARGIN_RAD),
@@ -265,11 +252,7 @@ class TrackingScore:
 
 
 class TrialCourse:
-    """The books of one trial.
-
-    Args:
-        goal: of the trial.
-    """
+    """The books of one trial."""
 
     def __init__(self, goal: TrialGoal) -> None:
         self.goal, self.points = goal, GoalPoints(goal)

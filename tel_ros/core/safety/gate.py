@@ -177,12 +177,9 @@ class Plausibility:
         self._positions, self._fastest = self._position_rad.tolist(), self._fastest_rad_s.tolist()
 
     def require(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
-        """Refuse a state, or remember it as the last one. Numbers that are not finite are not judged here.
+        """Refuse a state, or remember it as the last one. Shapes (n_joints,).
 
-        Args:
-            time_ns: its stamp.
-            position_rad: shape (n_joints,).
-            velocity_rad_s: as reported, NaN where nothing was. Shape (n_joints,).
+        Numbers that are not finite are not judged here; velocities are NaN where none is reported.
 
         Raises:
             StateError: a joint is too fast, or has jumped.

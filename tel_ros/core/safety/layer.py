@@ -91,13 +91,9 @@ class SafetyLayer:
         not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
         that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.motion_rules.SoftLimits`).
 
-        Args:
-            state: as measured.
-            wanted_nm: shape (n_joints,).
-
         Raises:
-            EffortError: the effort is not finite. The last one is zero from then on, and that is what is to
-                be commanded: :meth:`none`.
+            EffortError: ``wanted_nm`` is not finite or not of shape (n_joints,). The last effort is zero from
+                then on, and that is what is to be commanded: :meth:`none`.
         """
         self.response.look(state.time_ns, self.last_nm, state.effort_nm)
         if self._is_quiet(state, wanted_nm):
@@ -130,11 +126,8 @@ class SafetyLayer:
         The rules about motion would soften it, and what an arm does then would be judged wrongly. Narrower
         bounds hold it: :mod:`tel_ros.core.check.pulses`.
 
-        Args:
-            wanted_nm: shape (n_joints,).
-
         Raises:
-            EffortError: it is not finite, as for :meth:`permit`.
+            EffortError: as for :meth:`permit`.
         """
         self.none()
         self._require_finite(wanted_nm)
@@ -223,12 +216,9 @@ class DriveResponse:
         return cls(arm.joints, arm.effort_limit_nm, watched)
 
     def look(self, time_ns: int, commanded_nm: FloatArray, reported_nm: FloatArray | None) -> None:
-        """Take in what acted, as the arm reports it, and what had been commanded.
+        """Take in what acted until a stamp, as the arm reports it, and what had been commanded.
 
-        Args:
-            time_ns: stamp of the report.
-            commanded_nm: until then. Shape (n_joints,).
-            reported_nm: NaN where nothing is reported; None: no efforts are reported. Shape (n_joints,).
+        Shapes (n_joints,). NaN where nothing is reported; None: no efforts are reported.
         """
         if not self._watched:
             return

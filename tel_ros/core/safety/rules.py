@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import reduce
 from typing import NamedTuple
 
@@ -19,21 +19,16 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.types import NS_PER_S, FloatArray
 
-_INF = np.array(math.inf)
+Bound = FloatArray | float
+"""One a joint, shape (n_joints,), or one for all joints."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffortRange:
-    """What a rule permits. Shapes (n_joints,), or () for all joints.
+    """What a rule permits: a range, and the share of an effort in it that may act."""
 
-    Args:
-        low_nm: never above ``high_nm``.
-        high_nm: largest effort.
-        share: share of the permitted effort that may act.
-    """
-
-    low_nm: FloatArray
-    high_nm: FloatArray
+    low_nm: Bound
+    high_nm: Bound
     share: float = 1.0
 
     def nearest(self, effort_nm: FloatArray) -> FloatArray:
@@ -44,7 +39,7 @@ class EffortRange:
         return nearest if self.share == 1.0 else self.share * nearest
 
 
-ANY_EFFORT = EffortRange(-_INF, _INF)
+ANY_EFFORT = EffortRange(-math.inf, math.inf)
 
 
 class LastEffort(NamedTuple):
@@ -68,7 +63,7 @@ def delay_s(since_s: float, age_s: float) -> float:
 class QuietBounds:
     """Bounds within which a rule never objects; it may or may not object outside.
 
-    Without arguments: the rule never objects. Shapes (n_joints,), or () for all joints.
+    Without arguments: the rule never objects.
 
     Args:
         low_rad: least position.
@@ -82,13 +77,13 @@ class QuietBounds:
         delay_s: largest :func:`delay_s`.
     """
 
-    low_rad: FloatArray = field(default_factory=lambda: -_INF)
-    high_rad: FloatArray = field(default_factory=lambda: _INF)
-    speed_rad_s: FloatArray = field(default_factory=lambda: _INF)
-    effort_nm: FloatArray = field(default_factory=lambda: _INF)
-    step_nm: FloatArray = field(default_factory=lambda: _INF)
+    low_rad: Bound = -math.inf
+    high_rad: Bound = math.inf
+    speed_rad_s: Bound = math.inf
+    effort_nm: Bound = math.inf
+    step_nm: Bound = math.inf
     damping_nms_per_rad: FloatArray | None = None
-    damped_nm: FloatArray = field(default_factory=lambda: _INF)
+    damped_nm: Bound = math.inf
     since_s: float = 0.0
     delay_s: float = math.inf
 
@@ -117,10 +112,6 @@ class QuietZone:
     """One quick test in place of all rules, for the many ticks in which an arm is far from every bound.
 
     It is derived from what the rules say of themselves: the intersection of their quiet bounds.
-
-    Args:
-        bounds: of all rules.
-        n_joints: number of joints.
     """
 
     _MARGIN = 1e-9
@@ -144,13 +135,9 @@ class QuietZone:
         self._by_joint = list(zip(*rows, strict=True))
 
     def has(self, state: ArmState, wanted_nm: FloatArray, last_nm: FloatArray, since_ns: int) -> bool:
-        """Return whether no rule objects to an effort, as far as this test tells.
+        """Return whether no rule objects to an effort, ``since_ns`` after the last one, as far as this tells.
 
-        Args:
-            state: as measured.
-            wanted_nm: NaN is never in the zone. Shape (n_joints,).
-            last_nm: the last effort. Shape (n_joints,).
-            since_ns: time since the last effort.
+        An effort that is NaN is never in the zone. Shapes (n_joints,).
         """
         if not self._shortest_ns <= since_ns <= delay_s(since_ns, state.age_s * NS_PER_S) <= self._longest_ns:
             return False
@@ -278,7 +265,7 @@ class LateStates(SafetyRule):
     def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
         """Return the share of an effort that may act."""
         share = self.share(last.since_s, state.age_s)
-        return ANY_EFFORT if share == 1.0 else EffortRange(-_INF, _INF, share)
+        return ANY_EFFORT if share == 1.0 else EffortRange(-math.inf, math.inf, share)
 
     def share(self, since_s: float, age_s: float) -> float:
         """Return which share of an effort may act, for the time since the last one and the state's age."""
