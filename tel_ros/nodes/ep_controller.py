@@ -105,8 +105,9 @@ class EpControllerNode(ManagedNode):
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
         self._channel = CommandChannel(self, self._interface)
-        topic = topics.private(topics.CONTROL_STATES)
-        self._state_pub = self.create_publisher(ControlState, topic, qos.STREAM)
+        self._state_pub = self.create_publisher(
+            ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
+        )
 
     def activate(self) -> None:
         """Open the channel; nothing is commanded before the first trial.
