@@ -17,7 +17,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -27,9 +27,15 @@ from click.core import ParameterSource
 
 from tel_lab import studies
 from tel_lab.tables import write_figure
-from tel_lab.workers import Failure, Workforce
+from tel_lab.workers import Failure, TaskFailedError, WorkersBrokenError, Workforce
 from tel_ros.app.command_group import LazyGroup
-from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
+from tel_ros.app.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_GRAPH_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_NOT_COMPLETED,
+    end,
+)
 from tel_ros.core.errors import TelError
 from tel_ros.recording.run_folder import write_atomically
 
@@ -85,16 +91,17 @@ class StudyOptions:
         Progress goes to stderr. An error that is not one of this project ends the study.
 
         Raises:
-            TelError: a task failed unexpectedly; it is named.
+            TaskFailedError: a task raised what is no error of this project.
         """
         done: dict[K, R | Failure] = {}
         waiting = list(tasks)
         with closing(Workforce(self.jobs).run(function, tasks)) as results:
             for key, result in results:
                 done[key] = result
-                print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
-                if isinstance(result, Failure) and not result.expected:
-                    raise TelError(f"{key}: {result.message}")
+                if not isinstance(result, Failure):
+                    print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
+                elif not result.expected:
+                    raise TaskFailedError(f"{key}: {result.message}")
                 while waiting and waiting[0] in done:
                     yield waiting[0], done[waiting.pop(0)]
 
@@ -102,11 +109,11 @@ class StudyOptions:
         """Yield the results of all tasks in their order.
 
         Raises:
-            TelError: a task failed; it is named.
+            TaskFailedError: a task raised.
         """
         for key, result in self.run(function, tasks):
             if isinstance(result, Failure):
-                raise TelError(f"{key}: {result.message}")
+                raise TaskFailedError(f"{key}: {result.message}")
             yield result
 
     def write(
@@ -133,6 +140,24 @@ class StudyOptions:
         print(f"written to {self.out / page}", file=sys.stderr)
 
 
+@contextmanager
+def ending_in_one_line() -> Iterator[None]:
+    """Turn whatever ends a command into one line and its exit code; SIGTERM interrupts like Ctrl-C."""
+    # SIGINT as well: where a script has started this in the background, it would be ignored.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    except TaskFailedError as error:
+        end(str(error), EXIT_NOT_COMPLETED)
+    except WorkersBrokenError as error:
+        end(str(error), EXIT_GRAPH_FAILED)
+    except TelError as error:
+        end(str(error), EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        end("interrupted", EXIT_INTERRUPTED)
+
+
 def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]], click.Command]:
     """Return a decorator that makes a command with the options of studies; further click options may follow.
 
@@ -153,12 +178,8 @@ def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]
                 command=_asked(),
                 **named,
             )
-            try:
+            with ending_in_one_line():
                 function(options, **values)
-            except TelError as error:
-                end(str(error), EXIT_NOT_COMPLETED)
-            except KeyboardInterrupt:
-                end("interrupted", EXIT_INTERRUPTED)
 
         decorators = [
             click.command(function.__name__),
@@ -211,6 +232,3 @@ def _places() -> dict[str, str]:
 @click.group("study", cls=LazyGroup, places=_places, context_settings={"help_option_names": ["-h", "--help"]})
 def study_command() -> None:
     """Make the tables and figures of the pages in docs."""
-    # SIGINT as well: where a script has started this in the background, it would be ignored.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)

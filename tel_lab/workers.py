@@ -33,6 +33,10 @@ class WorkersBrokenError(TelError):
     """The workers broke down; tasks that were finished before have given their results."""
 
 
+class TaskFailedError(TelError):
+    """A task raised; the message names it and says why."""
+
+
 @dataclass(frozen=True)
 class Failure:
     """What a task gives that raised.

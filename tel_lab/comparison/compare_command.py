@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import shlex
-import signal
 from pathlib import Path
 
 import click
 from rich.console import Console
 
+from tel_lab.study import ending_in_one_line
 from tel_ros.app.config_argument import config_argument
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
-from tel_ros.core.errors import TelError
 
 
 @click.command()
@@ -46,41 +44,26 @@ def compare(
     same number of trials; then it is tested on the practised path and on one that it has never seen. Nothing
     of ROS runs.
     """
-    from tel_lab.comparison.comparison_table import GIVEN_NOTE, json_text, speed_text, table, write_files
-    from tel_lab.comparison.method_runs import RunFailedError, Task
+    # Late: other commands do without the learners, which take seconds to load.
+    from tel_lab.comparison import comparison_table as shown
+    from tel_lab.comparison.method_runs import Task
     from tel_lab.comparison.method_runs import compare as compare_methods
-    from tel_lab.comparison.results import MethodRun
 
-    def show(run: MethodRun, done: int, total: int) -> None:
-        click.echo(f"{done:3d}/{total}  arm {run.seed}  {run.method}", err=True)
-
-    # SIGINT as well: where a script has started this in the background, it would be ignored.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
     names = tuple(name.strip() for name in methods.split(",") if name.strip())
-    try:
-        task = Task(config_file, overrides, trials)
-        comparison = compare_methods(task, names, seeds, jobs, show)
-    except RunFailedError as error:
-        end(str(error), EXIT_NOT_COMPLETED)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        end("interrupted", EXIT_INTERRUPTED)
-    if out is not None:
-        options = [f"--seeds {seeds}", f"--trials {trials}"]
-        options += [f"--methods {','.join(names)}"] if names else []
-        options += [f"--set {shlex.quote(text)}" for text in overrides]
-        try:
-            write_files(comparison, out, f"tel compare {shlex.quote(str(config_file))} {' '.join(options)}")
-        except TelError as error:
-            end(str(error), EXIT_BAD_INPUT)
+    with ending_in_one_line():
+        comparison = compare_methods(Task(config_file, overrides, trials), names, seeds, jobs)
+        if out is not None:
+            options = [f"--seeds {seeds}", f"--trials {trials}"]
+            options += [f"--methods {','.join(names)}"] if names else []
+            options += [f"--set {shlex.quote(text)}" for text in overrides]
+            asked = f"tel compare {shlex.quote(str(config_file))} {' '.join(options)}"
+            shown.write_files(comparison, out, asked)
     if as_json:
-        click.echo(json_text(comparison))
+        click.echo(shown.json_text(comparison))
         return
     console = Console()
-    console.print(table(comparison).terminal())
-    console.print(GIVEN_NOTE, highlight=False)
-    console.print(speed_text(comparison), highlight=False)
+    console.print(shown.table(comparison).terminal())
+    console.print(shown.GIVEN_NOTE, highlight=False)
+    console.print(shown.speed_text(comparison), highlight=False)
     if out is not None:
         console.print(f"written to {out}", highlight=False, soft_wrap=True)

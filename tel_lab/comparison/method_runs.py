@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
 from tel_lab.comparison.results import MethodRun, TrialResult
 from tel_lab.comparison.servo_methods import Feedforward, Method
+from tel_lab.offline import OfflineArm, OfflinePractice
+from tel_lab.random_arm import vary
 from tel_lab.random_path import random_smooth_path
-from tel_lab.workers import Failure, Workforce
+from tel_lab.study import StudyOptions
 from tel_ros.core.config import ArmConfig, Config
-from tel_ros.core.errors import ConfigError, TelError, TrainingError
+from tel_ros.core.errors import ConfigError, TrainingError
 from tel_ros.core.learning.signals import learning_record
 from tel_ros.core.practice.strategy import Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import Path as JointPath
@@ -28,13 +28,6 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
-
-if TYPE_CHECKING:
-    from tel_lab.offline import OfflineArm
-
-
-class RunFailedError(TelError):
-    """A run of a comparison broke down; its message says which one and why."""
 
 
 @dataclass(frozen=True)
@@ -77,43 +70,25 @@ class Comparison:
         return sum(run.cpu_s for runs in self.runs.values() for run in runs)
 
 
-def compare(
-    task: Task,
-    methods: Sequence[str] = (),
-    n_seeds: int = 10,
-    jobs: int = 1,
-    on_run: Callable[[MethodRun, int, int], None] = lambda run, done, total: None,
-) -> Comparison:
-    """Run every method on every arm.
-
-    Args:
-        task: what is compared.
-        methods: names; all if empty.
-        n_seeds: arms; their seeds are 1, 2, …
-        jobs: processes at a time; the results do not depend on it.
-        on_run: is called after each run with it, how many are done and how many there will be.
+def compare(task: Task, methods: Sequence[str] = (), n_seeds: int = 10, jobs: int = 1) -> Comparison:
+    """Run every method (all if none is named) on every arm; the results do not depend on ``jobs``.
 
     Raises:
         ConfigError: there is no such method, or a value of the configuration is wrong.
         InputFileError: the configuration cannot be read.
-        RunFailedError: a run broke down.
+        TaskFailedError: a run broke down.
     """
-    workforce = Workforce(jobs)
     if n_seeds < 1:
         raise ConfigError("--seeds", n_seeds, "a whole number of at least 1")
     specs = tuple(chosen(methods))
     for spec in specs:
         method_config(task, spec, 1)  # before any work begins
+    started = time.monotonic()
     items = [(spec.name, seed) for seed in range(1, n_seeds + 1) for spec in specs]
-    started, done = time.monotonic(), {}
-    tasks = {(name, seed): (task, name, seed) for name, seed in items}
-    with closing(workforce.run(run_method, tasks)) as results:
-        for (name, seed), run in results:
-            if isinstance(run, Failure):
-                raise RunFailedError(f"{name} on arm {seed}: {run.message}")
-            done[name, seed] = run
-            on_run(run, len(done), len(items))
-    runs = {s.name: tuple(done[s.name, seed] for seed in range(1, n_seeds + 1)) for s in specs}
+    tasks = {f"{name} on arm {seed}": (task, name, seed) for name, seed in items}
+    runs: dict[str, tuple[MethodRun, ...]] = {spec.name: () for spec in specs}
+    for run in StudyOptions(jobs=jobs).results(run_method, tasks):
+        runs[run.method] += (run,)
     return Comparison(specs, runs, time.monotonic() - started)
 
 
@@ -124,8 +99,6 @@ def method_config(task: Task, spec: MethodSpec, seed: int) -> Config:
         ConfigError: a value is wrong.
         InputFileError: the file cannot be read.
     """
-    from tel_lab.random_arm import vary
-
     settings = (
         *task.settings,
         f"practice.trials={task.trials}",
@@ -175,8 +148,6 @@ _Achieved = tuple[list[TrialResult], TrialResult, TrialResult | None, str]
 
 def _repeated(config: Config, method: Method, seed: int) -> _Achieved:
     """Run a method that executes the wanted movement in every trial; one is enough if it does not learn."""
-    from tel_lab.offline import OfflineArm
-
     desired, messages, trials = goal_movement(config), [], []
     with OfflineArm(config) as arm:
         for index in range(1, (config.practice.trials if method.learns else 1) + 1):
@@ -195,8 +166,6 @@ def _practised(config: Config, seed: int) -> _Achieved:
     If it has reached its goal before the budget is used up, it goes on at the goal speed with what is left:
     so the errors at the end are those after equally many trials for all methods.
     """
-    from tel_lab.offline import OfflinePractice
-
     path = load_path(config.path, config.arm)
     with OfflinePractice(config, path, new_network(config)) as practice:
         done, ending = practice.run(), practice.ending

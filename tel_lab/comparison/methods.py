@@ -16,6 +16,7 @@ from tel_lab.comparison.servo_methods import (
     with_velocity_reference,
 )
 from tel_lab.comparison.stored_command import IterativeLearningControl, VirtualTrajectoryLearning
+from tel_lab.exact_model import ExactInverseDynamics
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
@@ -94,8 +95,6 @@ def _servo(config: Config) -> Method:
 
 
 def _exact(config: Config) -> Method:
-    from tel_lab.exact_model import ExactInverseDynamics  # late: only `app` knows the simulated arm
-
     return Feedforward(ExactInverseDynamics(config, config.sim).predict, _period_s(config))
 
 

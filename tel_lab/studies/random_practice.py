@@ -43,10 +43,8 @@ PROTOCOL = ("practice.strategy=adaptive_extension",)
 in 0.2 s they are not yet seen to move at the turning point of a swing."""
 RANGE_MARGIN_RAD = 0.3
 """Random paths keep this far from the ends of the joints' ranges, so that there is room for an error."""
-EFFORT_SHARE = (0.4, 0.9)
-"""The goal movement needs a random share of the effort limit between these."""
-SPEED_SHARE = 0.8
-"""And no more than this share of a speed limit."""
+EFFORT_SHARE, SPEED_SHARE = (0.4, 0.9), 0.8
+"""The goal needs a random share of the effort limit between the two, and at most that of a speed limit."""
 FIRST_TO_GOAL = 2.5
 """First duration over that of the goal: the first trial needs about a sixth of the goal's dynamic torque."""
 EVERY = 20
@@ -63,12 +61,10 @@ class Result:
         seed: of arm, path and goal.
         sim: the arm.
         goal_s: duration that was asked for.
-        effort_share: largest share of an effort limit that the goal movement needs by the exact model.
+        effort_share: of a limit, that the goal movement needs by the exact model.
         exact_rms_rad: tracking error of the goal movement with the exact model.
         outcome: as the strategy says, or ``failed`` if the run ended in an error.
         message: why it ended.
-        trials: what was done.
-        wall_s: how long that took.
     """
 
     seed: int
@@ -107,9 +103,8 @@ def task(config: Config, seed: int) -> tuple[Config, JointPath]:
         np.array(arm.position_max_rad) - RANGE_MARGIN_RAD,
     )
     share = np.random.default_rng((_GOAL_STREAM, seed)).uniform(*EFFORT_SHARE)
-    goal_s = duration_at_effort_share(
-        arm, ExactInverseDynamics(config, sim), path, share, fastest_by_speed_s(arm, path, SPEED_SHARE)
-    )
+    exact, fastest_s = ExactInverseDynamics(config, sim), fastest_by_speed_s(arm, path, SPEED_SHARE)
+    goal_s = duration_at_effort_share(arm, exact, path, share, fastest_s)
     first_s = FIRST_TO_GOAL * goal_s
     practice = dataclasses.replace(config.practice, goal_duration_s=goal_s, first_duration_s=first_s)
     return dataclasses.replace(config, sim=sim, practice=practice, seed=seed), path
@@ -214,6 +209,7 @@ def page(results: Sequence[Result], config: Config, command: str) -> str:
     n, trials = len(results), [trial for result in results for trial in result.trials]
     reached = [result for result in results if result.outcome == "completed"]
     missed = [result for result in results if result.outcome != "completed"]
+    later = [max(t.excursion_rad for t in r.trials[1:]) for r in results if len(r.trials) > 1]
     beyond = sum(trial.excursion_rad > 2.0 * control.path_tolerance_rad for trial in trials)
     rows = [
         *(
@@ -229,7 +225,7 @@ def page(results: Sequence[Result], config: Config, command: str) -> str:
         ("trials until the tolerance was reached", _spread([len(r.trials) for r in reached], "{:.0f}")),
         ("last RMS error where it was reached [mrad]", _spread([1e3 * r.final_rms_rad for r in reached])),
         ("largest deviation in any trial [rad]", _spread([r.excursion_rad for r in results], "{:.3f}")),
-        ("the same after the first trial [rad]", _spread(_later_excursions(results), "{:.3f}")),
+        ("the same after the first trial [rad]", _spread(later, "{:.3f}")),
     ]
     table = of_texts(("", ""), rows).markdown()
     return f"""# Practice on random arms along random paths
@@ -312,10 +308,6 @@ def _spread(values: Sequence[float], form: str = "{:.2f}") -> str:
     low, middle, high = np.percentile(values, [5, 50, 95])
     low, middle, high, largest = (form.format(x) for x in (low, middle, high, max(values)))
     return f"{middle} ({low} to {high}; {largest})"
-
-
-def _later_excursions(results: Sequence[Result]) -> list[float]:
-    return [max(t.excursion_rad for t in r.trials[1:]) for r in results if len(r.trials) > 1]
 
 
 def line(result: Result) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,15 +11,15 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tel_lab.sweep.plan import SweepFile, make_plan, read_sweep_file
+from tel_lab.study import ending_in_one_line
+from tel_lab.sweep.plan import SweepFile, SweepPlan, make_plan, read_sweep_file
+from tel_lab.tables import write_figure
+from tel_lab.workers import Executor, WorkersBrokenError, Workforce
 from tel_ros.app.config_argument import config_argument
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
-from tel_ros.core.errors import TelError
+from tel_ros.app.errors import EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 
 if TYPE_CHECKING:
     from tel_lab.sweep.sweep import Sweep
-    from tel_lab.tables import write_figure
-    from tel_lab.workers import Executor, Workforce
 
 
 @click.command()
@@ -78,29 +77,24 @@ def sweep(
     Exit codes: 0 every point has a result, 1 some failed, 2 wrong input (nothing ran), 3 the workers broke
     down, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
+    with ending_in_one_line():
+        file = read_sweep_file(plan_file) if plan_file else SweepFile()
+        plan = make_plan(file, overrides, grid, seeds)
+        _sweep(config_file, plan, out, Workforce(jobs, executor, address), as_json)
+
+
+def _sweep(config_file: Path, plan: SweepPlan, out: Path | None, workforce: Workforce, as_json: bool) -> None:
     # Late: other commands do without the learners, which take seconds to load.
     from tel_lab.sweep.point import FAILED
     from tel_lab.sweep.sweep import Sweep
-    from tel_lab.workers import WorkersBrokenError, Workforce
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
-    try:
-        file = read_sweep_file(plan_file) if plan_file else SweepFile()
-        plan = make_plan(file, overrides, grid, seeds)
-        workforce = Workforce(jobs, executor, address)
-        work = Sweep(config_file, plan, out)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
+    work = Sweep(config_file, plan, out)
     try:
         _run(work, workforce)
     except KeyboardInterrupt:
         work.folder.write_table(work.rows())
-        end(
-            f"interrupted: {work.n_done} of {len(work.points)} points are done; "
-            f"the same command goes on ({work.folder.path})",
-            EXIT_INTERRUPTED,
-        )
+        done = f"{work.n_done} of {len(work.points)} points are done"
+        end(f"interrupted: {done}; the same command goes on ({work.folder.path})", EXIT_INTERRUPTED)
     except WorkersBrokenError as error:
         work.folder.write_table(work.rows())
         end(f"{error}; the same command goes on", EXIT_GRAPH_FAILED)
@@ -110,11 +104,7 @@ def sweep(
         from tel_lab.sweep.verdict_map import map_figure  # late: plotting takes a second to import
 
         files += write_figure(partial(map_figure, rows, plan.map), work.folder.path / "map", ("png", "svg"))
-    if as_json:
-        click.echo(json.dumps(rows, indent=2))
-    else:
-        for path in files:
-            click.echo(path)
+    click.echo(json.dumps(rows, indent=2) if as_json else "\n".join(map(str, files)))
     failed = [row for row in rows if row["outcome"] == FAILED]
     if failed:
         end(f"{len(failed)} of {len(rows)} points failed, e.g.: {failed[0]['message']}", EXIT_NOT_COMPLETED)

@@ -102,7 +102,7 @@ def test_a_value_that_cannot_be_practised_gives_a_failed_row_and_the_others_thei
     ("arguments", "parts"),
     [
         (["--grid", "sim.inertia_scal=1"], ["sim.inertia_scal", "a known key"]),
-        (["--grid", "sim.inertia_scale=heavy"], ["sim.inertia_scale", "'heavy'", "a number"]),
+        (["--grid", "sim.inertia_scale=heavy"], ["sim.inertia_scale", "'heavy'", "a finite number"]),
         (["--jobs", "0"], ["--jobs is 0"]),
         (["--address", "auto", "--executor", "processes"], ["--address", "auto"]),
         (["--grid", "run.arm=external"], ["run.arm", "'sim'"]),
@@ -152,6 +152,17 @@ def test_an_interrupted_sweep_says_how_far_it_came_and_leaves_a_table_of_that(
     assert len(table(tmp_path / "out")) == done
     _, alive = psutil.wait_procs(workers, timeout=20.0)
     assert alive == []
+
+
+def test_a_plan_with_a_map_gives_a_figure_beside_the_table(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    grid = "{sim.inertia_scale: [1], practice.goal_duration_s: [3]}"
+    axes = "{x: sim.inertia_scale, y: practice.goal_duration_s, tolerance_rad: 0.01}"
+    plan.write_text(f"grid: {grid}\nmap: {axes}\n")
+    out = tmp_path / "out"
+    result = run("--plan", str(plan), *ONE_PROCESS, "--out", str(out))
+    assert result.exit_code == 0, result.output
+    assert {str(out / name) for name in ("table.csv", "map.png", "map.svg")} <= {*result.stdout.split()}
 
 
 def test_a_run_that_breaks_off_keeps_what_its_trials_gave(monkeypatch: pytest.MonkeyPatch) -> None:
