@@ -36,34 +36,34 @@ def main() -> None:
     """Robot arms that get better at a movement by practice.
 
     \b
-    tel configs                         what there is to begin with
-    tel practice planar_arm             a practice run: slow at first, faster trial by trial
-    tel practice --resume bags/RUN      go on with one that was interrupted
-    tel report bags/RUN                 its report, again; of several runs: side by side
-    tel check my_arm.yaml               is the arm what its configuration says? before it moves far
+    tel configs                         the configurations to start from
+    tel practice planar_arm             a practice run: slow at first, faster with each trial
+    tel practice --resume bags/RUN      resume one that was interrupted
+    tel report bags/RUN                 its report again; several runs side by side
+    tel check my_arm.yaml               does the arm match its configuration? before it moves far
     tel compare planar_arm              other methods beside it: one table, one figure
     tel sweep planar_arm …              many practice runs over grids of values, one table
     tel study NAME                      the tables and figures of the documentation, made again
 
     \b
-    tel bag info bags/RUN               what bags hold, and whether they are whole
-    tel bag plot bags/RUN/trial_001     a figure of one
+    tel bag info bags/RUN               what bags hold, and whether they are complete
+    tel bag plot bags/RUN/trial_001     a figure of a bag
     tel bag export bags/RUN --out DIR   all of its trials in one file, for Foxglove and PlotJuggler
-    tel bag recover bags/RUN/.unfinished/trial_004   what a crash has left of one
-    tel replay bags/RUN/trial_001       its topics again, below /replay, at any pace
-    tel train bags/RUN --out NETWORK    the network once more, from bags alone; with --import, the torques of
-                                        any arm, from recordings that other programs made
+    tel bag recover bags/RUN/.unfinished/trial_004   save what a crash left of a bag
+    tel replay bags/RUN/trial_001       publish its topics again, below /replay, at any rate
+    tel train bags/RUN --out NETWORK    the network again, from bags alone; with --import, the torques of
+                                        any arm, from recordings of other programs
     tel view my_arm.yaml                watch a running graph in the browser (or: tel practice --view)
-    tel predict NETWORK MOVEMENT        the torques that a movement takes, and how sure they are
+    tel predict NETWORK MOVEMENT        the torques that a movement needs, and how certain they are
 
     \b
     A first run, then one of your own:
       tel practice planar_arm
       tel practice planar_arm --set path.file=my_waypoints.csv --set practice.goal_duration_s=3.5
 
-    `tel COMMAND --help` tells the rest. Results go to stdout (as JSON with --json), progress to stderr.
+    `tel COMMAND --help` explains each. Results go to stdout (as JSON with --json), progress to stderr.
     Tab completion: eval "$(_TEL_COMPLETE=bash_source tel)", or zsh_source, fish_source. TEL_DEBUG=1 shows
-    where an error comes from.
+    the traceback of an error.
 
     Exit codes: 0 done, 1 the goal was not reached, or a check found something wrong, 2 wrong input (nothing
     moved), 3 the node graph failed, or a part of the software is missing, 130 interrupted.
