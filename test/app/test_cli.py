@@ -41,7 +41,7 @@ def waypoints(tmp_path: Path, text: str) -> str:
             ["sim.command_delay_s", "0.003", "multiple of the control period 0.002 s"],
         ),
         ("practice.strategy", ["practice.strategy", "an assignment"]),
-        ("practice.strategy=adaptive", ["practice.strategy", "adaptive", "'adaptive_extension'"]),
+        ("practice.strategy=adaptive", ["practice.strategy", "adaptive", "adaptive_extension"]),
         ("practice.durations_s=[9, 3]", ["practice.durations_s", "3.0", "at least goal_duration_s = 4.5 s"]),
         ("practice.tolerance_rad=0.3", ["practice.step_tolerance_rad", "0.02", "tolerance_rad = 0.3"]),
         ("practice.vary=[shape]", ["path.known"]),
