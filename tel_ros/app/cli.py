@@ -16,7 +16,7 @@ COMMANDS = {
     "practice": "tel_ros.app.practice_command:practice",
     "replay": "tel_ros.app.replay_command:replay",
     "report": "tel_ros.app.report.command:report",
-    "train": "tel_ros.app.train_command:train",
+    "train": "tel_ros.app.train:train",
     "view": "tel_ros.app.view.command:view",
 }
 """Where each command is. Other packages add theirs as entry points of the group ``tel_ros.commands``."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import signal
+from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -22,11 +24,14 @@ from tel_ros.app.errors import (
     NodeDiedError,
     end,
 )
-from tel_ros.app.resume_text import require_either, say_what_goes_on
+from tel_ros.app.tables import trial_table
 from tel_ros.app.view.command import beside_run, view_option
 from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
+
+if TYPE_CHECKING:
+    from tel_ros.recording.resumption import Resumption
 
 _PROGRESS = Console(stderr=True)
 
@@ -74,7 +79,7 @@ def practice(
     trial, the learned network, run.yaml, summary.json and report.html. A run that was interrupted goes on
     with --resume.
     """
-    require_either(config_file, resumed, {"--set": overrides, "--out": out})
+    _require_either(config_file, resumed, {"--set": overrides, "--out": out})
     # Imported late: `tel --help` and `tel report` need no ROS.
     from tel_ros.app.practice import practise, resume
     from tel_ros.app.progress_view import ProgressView
@@ -88,7 +93,9 @@ def practice(
         if resumed is not None:
             folder = resumed
             with ProgressView(_PROGRESS) as progress:
-                result = resume(folder, partial(say_what_goes_on, folder), progress.update, beside, namespace)
+                result = resume(
+                    folder, partial(_say_what_goes_on, folder), progress.update, beside, namespace
+                )
         else:
             assert config_file is not None  # require_either
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
@@ -129,8 +136,6 @@ def _report_at_the_end(folder: Path, as_json: bool) -> None:
 
 
 def _show(summary: dict, folder: Path, as_json: bool) -> None:
-    from tel_ros.app.trial_table import trial_table
-
     if as_json:
         click.echo(json.dumps(summary, indent=2))
         return
@@ -151,3 +156,29 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
 def _left(folder: Path) -> str:
     """Return where to find what was recorded, if anything was."""
     return f" (what was recorded is in {folder})" if folder.exists() else ""
+
+
+def _require_either(config_file: Path | None, resumed: Path | None, others: Mapping[str, object]) -> None:
+    """End with a message unless a new run is asked for, or one that is to go on as it was begun.
+
+    Args:
+        config_file: of a new run.
+        resumed: folder of a run that is to go on.
+        others: options that only a new run can have.
+    """
+    if resumed is None:
+        if config_file is None:
+            end("nothing to practise: expected CONFIG, or --resume RUN", EXIT_BAD_INPUT)
+        return
+    given = [name for name, value in others.items() if value]
+    given += [] if config_file is None else [f"CONFIG ({config_file})"]
+    if given:
+        expected = f"--resume {resumed} alone: a run goes on as its run.yaml says, into its own folder"
+        end(f"{', '.join(given)} given with --resume; expected {expected}", EXIT_BAD_INPUT)
+
+
+def _say_what_goes_on(folder: Path, resumption: Resumption) -> None:
+    """Say on stderr what a run goes on from, and where the rest was put."""
+    for path, why in resumption.set_aside.items():
+        click.echo(f"set aside  {path} ({why})", err=True)
+    click.echo(f"resumed    {folder} after {resumption.trials} whole trials", err=True)

@@ -1,4 +1,4 @@
-"""Showing a practice run in the terminal while it goes on, and its trials at the end."""
+"""Showing a practice run in the terminal while it goes on."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ProgressView:
         self._progress.update(self._task, description=text, completed=feedback.progress)
         for result in feedback.last:
             before, after = feedback.training_rms_rad
-            outcome = Outcome(result.outcome).name.lower()
+            outcome = Outcome(result.outcome).text
             self._console.print(
                 f"{trial}  {feedback.duration_s:6.3f} s  error {result.rms_error_rad:.4f} rad RMS, "
                 f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"

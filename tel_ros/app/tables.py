@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -29,3 +30,45 @@ def show(table: Table) -> None:
     if not console.is_terminal:
         console.width = _LOG_WIDTH
     console.print(table)
+
+
+def compact_table(*headings: str) -> Table:
+    """Return an empty table that fits 80 columns; the last column is aligned to the left."""
+    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1), pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in ("bag", headings[-1]) else "right")
+    return table
+
+
+def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the trials of a summary as a table."""
+    table = compact_table(
+        "trial",
+        "α",
+        "duration\ns",
+        "RMS error\nrad",
+        "max error\nrad",
+        "training error\nbefore → after rad",
+        "outcome",
+    )
+    for trial in trials:
+        table.add_row(
+            str(trial["index"]),
+            f"{trial['alpha']:.3f}",
+            f"{trial['duration_s']:.3f}",
+            number(trial["rms_error_rad"]),
+            number(trial["max_error_rad"]),
+            training_error(trial),
+            trial["outcome"],
+        )
+    return table
+
+
+def number(value: float | None) -> str:
+    """Return a number as it stands in tables; None: a dash."""
+    return "–" if value is None else f"{value:.4f}"
+
+
+def training_error(trial: Mapping[str, Any]) -> str:
+    """Return the training error of a row of a summary before and after training."""
+    return f"{number(trial['training_rms_before_rad'])} → {number(trial['training_rms_after_rad'])}"

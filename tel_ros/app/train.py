@@ -1,125 +1,122 @@
-"""Rebuilding a network from bags alone."""
+"""The command ``tel train``."""
 
 from __future__ import annotations
 
-import math
-import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tel_ros.core.errors import InputFileError
-from tel_ros.recording.config_file import with_overrides
-from tel_ros.recording.network_file import revision, save_network
-from tel_ros.recording.new_network import new_network
-from tel_ros.recording.provenance import unpacked_config
-from tel_ros.recording.retraining import Lesson, bags_of, relearned, require_trainable
+import click
+from rich.console import Console
+from rich.table import Table
 
-_CHANGEABLE = ("learning", "seed")
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
+from tel_ros.app.import_command import given_options, import_options, run_import
+from tel_ros.app.tables import compact_table, number, training_error
+from tel_ros.core.errors import TelError
 
-
-@dataclass(frozen=True)
-class Retraining:
-    """What came out of learning from bags.
-
-    Args:
-        network: the file.
-        revision: of the network in it.
-        lessons: one row a bag, values that JSON can hold.
-        differs_at: the first bag that was commanded by another network than there was here; empty: none. If
-            the settings were the recorded ones, the network is then not that of the run.
-        unknown: whether some bag does not tell which network commanded it.
-    """
-
-    network: Path
-    revision: str
-    lessons: tuple[dict[str, Any], ...]
-    differs_at: str
-    unknown: bool
-
-    @property
-    def as_recorded(self) -> bool:
-        """Whether each trial was commanded by the network that there was here before it."""
-        return not self.differs_at and not self.unknown
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``tel train --json`` prints."""
-        return {
-            "network": str(self.network),
-            "revision": self.revision,
-            "as_recorded": self.as_recorded,
-            "differs_at": self.differs_at,
-            "bags": list(self.lessons),
-        }
+if TYPE_CHECKING:
+    from tel_ros.recording.retraining import Retraining
 
 
+@click.command()
+@click.argument("bags", metavar="BAG…", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File of the network, e.g. network.npz.",
+)
+@click.option("--force", is_flag=True, help="Replace the file if there is one already.")
+@click.option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Another setting of the learner, e.g. learning.weights=least_squares, or seed.",
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print what came out as JSON, and nothing else, on stdout."
+)
+@click.option("--import", "imports", is_flag=True, help="BAGs are recordings that other programs made.")
+@import_options
+@click.pass_context
 def train(
-    paths: Sequence[Path],
+    context: click.Context,
+    bags: tuple[Path, ...],
     out: Path,
-    overrides: Sequence[str] = (),
-    *,
-    force: bool = False,
-    on_lesson: Callable[[Path], None] = lambda bag: None,
-) -> Retraining:
-    """Learn from bags, in their order, and write the network.
+    force: bool,
+    overrides: tuple[str, ...],
+    as_json: bool,
+    imports: bool,
+    **import_settings: Any,
+) -> None:
+    """Rebuild the network from BAGs alone, in the order given.
 
-    Configuration, URDF, waypoints and the network that the run began with are taken from the first bag.
+    A BAG is a trial's folder; the folder of a run stands for all its trials. Everything else that it takes
+    is in the bags. With the recorded settings the network becomes, bit for bit, the one that the run has
+    left. Bags of different arms are refused, and so are unfinished, recovered and damaged ones. Nothing of
+    ROS runs.
 
-    Args:
-        paths: bags, or folders of runs.
-        out: file of the network.
-        overrides: other settings of the learner, as for ``--set``.
-        force: whether an existing file may be replaced.
-        on_lesson: called after each bag.
-
-    Raises:
-        InputFileError: ``out`` exists or cannot be written; a bag cannot be used (BagError), or is of another
-            arm than the first.
-        ConfigError: a setting is wrong.
-        TrainingError: a trial cannot be learned from.
+    With --import a BAG is any recording with efforts: a bag of ROS 1 or ROS 2 (sqlite3, MCAP; with or without
+    metadata.yaml) with sensor_msgs/JointState or trajectory_msgs/JointTrajectory, or a CSV with the columns
+    time_s, q_<joint>, tau_<joint>. Torques are learned, and how good they are is told from parts of the
+    recording that were held back.
     """
-    if out.exists() and not force:
-        raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
-    bags = bags_of(paths)
-    lessons: list[Lesson] = []
-    with tempfile.TemporaryDirectory(prefix="tel_train_") as folder:
-        config = unpacked_config(bags[0], require_trainable(bags[0]), Path(folder))
-        config = with_overrides(config, overrides, _CHANGEABLE, str(bags[0]))
-        learner = new_network(config)
-        rows = []
-        for lesson in relearned(bags, config, learner):
-            learner = lesson.learner
-            lessons.append(lesson)
-            rows.append(_row(lesson))
-            on_lesson(lesson.trial.bag)
-    save_network(learner, out)
-    return Retraining(
-        network=out,
-        revision=revision(learner),
-        lessons=tuple(rows),
-        differs_at=next(
-            (row["bag"] for row in rows if row["network_before"] != row["commanded_by"] != ""), ""
-        ),
-        unknown=any(not row["commanded_by"] for row in rows),
+    if imports:
+        wrong = {"--set": overrides, "--force": force}
+        if given := [name for name, value in wrong.items() if value]:
+            raise click.UsageError(f"{' and '.join(given)} cannot be used with --import")
+        run_import(bags, out, as_json, **import_settings)
+        return
+    if given := given_options(context):
+        raise click.UsageError(f"{' and '.join(given)} can only be used with --import")
+    from tel_ros.recording.retraining import train as train_on  # late: `tel --help` needs no learners
+
+    def show(bag: Path) -> None:
+        click.echo(f"learned  {bag}", err=True)
+
+    try:
+        retraining = train_on(bags, out, overrides, force=force, on_lesson=show)
+    except TelError as error:
+        end(str(error), EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        end("interrupted: no network was written", EXIT_INTERRUPTED)
+    if as_json:
+        click.echo(json.dumps(retraining.as_dict(), indent=2))
+        return
+    console = Console()
+    console.print(_table(retraining))
+    lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in retraining.lessons]
+    lines += [f"network  {retraining.network}", f"revision {retraining.revision}: {_comparison(retraining)}"]
+    for line in filter(None, lines):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _comparison(retraining: Retraining) -> str:
+    if retraining.as_recorded:
+        return "each trial had been commanded by the network that there was here before it"
+    if retraining.differs_at:
+        return f"not that of the run, {retraining.differs_at} had been commanded by another one"
+    return "some bags do not tell which network commanded them"
+
+
+def _table(retraining: Retraining) -> Table:
+    table = compact_table(
+        "bag",
+        "trial",
+        "duration\ns",
+        "RMS error\nrad",
+        "training error\nbefore → after rad",
+        "outcome",
     )
-
-
-def _row(lesson: Lesson) -> dict[str, Any]:
-    """Return a lesson with the keys of a row of ``summary.json``, as far as both have them."""
-    trial, training = lesson.trial, lesson.training
-    error_rad = trial.position_rad[trial.run] - trial.desired[trial.run, : len(trial.joints)]
-    return {
-        "bag": str(trial.bag),
-        "index": trial.report.index,
-        "duration_s": trial.report.duration_s,
-        "outcome": trial.report.outcome.text,
-        "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
-        "training_rms_before_rad": training.rms_before_rad if training else None,
-        "training_rms_after_rad": training.rms_after_rad if training else None,
-        "rms_command_change_rad": training.rms_command_change_rad if training else None,
-        "grown": list(training.grown) if training else [],
-        "commanded_by": lesson.recorded_revision,
-        "network_before": lesson.revision,
-        "note": lesson.note,
-    }
+    for row in retraining.lessons:
+        table.add_row(
+            Path(row["bag"]).name,
+            str(row["index"]),
+            f"{row['duration_s']:.3f}",
+            number(row["rms_error_rad"]),
+            training_error(row),
+            row["outcome"],
+        )
+    return table

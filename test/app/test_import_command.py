@@ -12,7 +12,7 @@ from made_up_recording import JOINTS, made_up, motion_at, torque_nm
 
 import sim_bridge
 from tel_ros.app.cli import main
-from tel_ros.app.train_command import train
+from tel_ros.app.train import train
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, save_network

@@ -14,11 +14,11 @@ from click.testing import CliRunner
 from recorded_run import record_run
 
 from tel_ros.app.cli import main
-from tel_ros.app.train import train
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, ConfigError, InputFileError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network
+from tel_ros.recording.retraining import train
 from tel_ros.recording.run_folder import NETWORK_FILE, network_after, trial_bag, trial_bags
 
 CONFIG_FOLDER = Path(__file__).parents[2] / "config"
