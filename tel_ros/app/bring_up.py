@@ -77,7 +77,9 @@ class NodeProcesses:
         namespace: str = "/",
     ) -> None:
         self._config_file, self._names, self._log_folder = config_file, names, log_folder
-        self._more = ["-r", f"__ns:={namespace}", *(["-p", "resume:=true"] if resume else [])]
+        # Whoever starts the nodes here makes the report by themselves.
+        self._more = ["-r", f"__ns:={namespace}", "-p", "report:=false"]
+        self._more += ["-p", "resume:=true"] if resume else []
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> NodeProcesses:

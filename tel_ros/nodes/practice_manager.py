@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -10,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -25,6 +28,7 @@ from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_result_message
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters, on_set
 from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, RunContext
@@ -41,12 +45,19 @@ from tel_ros.recording.waypoint_file import load_known_path, load_path
 REPLAY_TIMEOUT_S = 600.0
 """Arm and controller of a resumed run first go through the earlier trials, a second or two for each."""
 STOPPING_TIMEOUT_S = 2.5
+REPORT_TIMEOUT_S = 120.0
+CLIENT_GONE_S = 3.0
+"""After how long without anybody who waits for the result the client counts as gone."""
 SETTABLE = tuple(f"practice.{key}" for key in ("trials", "tolerance_rad", "step_tolerance_rad", "on_abort"))
 """Parameters that hold from the next run on; other nodes do not depend on them."""
 
 
 class PracticeManagerNode(Node):
-    """Runs one practice run at a time; pause, emergency stop and cancellation act between two trials."""
+    """Runs one practice run at a time; pause, emergency stop and cancellation act between two trials.
+
+    A goal is rejected only while another run is under way or the node ends, since a rejection carries no
+    reason. Whatever else is wrong with a goal is told by its result, before anything has moved.
+    """
 
     def __init__(self) -> None:
         super().__init__("practice_manager")
@@ -66,7 +77,12 @@ class PracticeManagerNode(Node):
             self._give_up_in_time,
         )
         self._controller = LifecycleClient(self, topics.EP_CONTROLLER, group)
+        about = ParameterDescriptor(description="whether a run ends with its report", read_only=True)
+        self._makes_report = bool(self.declare_parameter("report", True, about).value)
         self._busy = self._stopping = False
+        self._doing, self._last = "waits for a run", Health(Level.OK, "waits for a run")
+        self._client_seen_at, self._client_gone = 0.0, False
+        self._result_service = f"{self.resolve_service_name(topics.PRACTICE)}/_action/get_result"
         self._stopping_since = math.inf
         self._ready = threading.Event()
         self._stop_latched = self._stop_seen = False
@@ -86,6 +102,7 @@ class PracticeManagerNode(Node):
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
             callback_group=group,
         )
+        self._diagnostics = Diagnostics(self, "practice", self._config.arm.name, self._health, group)
 
     def stop(self) -> None:
         """Cancel the trial that is under way and end the run."""
@@ -115,20 +132,30 @@ class PracticeManagerNode(Node):
     def _consider(self, goal: Practice.Goal) -> GoalResponse:
         with self._changing:
             if self._busy or self._stopping:
-                self.get_logger().warning("goal rejected: another practice run is under way")
+                why = "the node is ending" if self._stopping else "another practice run is under way"
+                self.get_logger().warning(f"goal rejected: {why}")
                 return GoalResponse.REJECT
-            self._busy = True
+            self._busy, self._client_seen_at = True, time.monotonic()
         return GoalResponse.ACCEPT
 
     def _practise(self, goal_handle: ServerGoalHandle) -> Practice.Result:
         result = Practice.Result(run_dir=goal_handle.request.run_dir)
+        self._doing = f"run {result.run_dir} begins"
+        self.get_logger().info(self._doing)
         try:
             summary = self._run(goal_handle, result)
             result.outcome, result.message = summary.outcome, summary.message
         except TelError as error:
             result.outcome, result.message = "failed", str(error)
-        if result.outcome == "failed":
-            self.get_logger().error(result.message)
+        ended = f"run {result.run_dir} {result.outcome}" + (result.message and f": {result.message}")
+        good = result.outcome in ("completed", "stopped", "cancelled")
+        if good:
+            self.get_logger().info(ended)
+        else:
+            self.get_logger().error(ended)
+        if result.trials and self._makes_report and not self._stopping:
+            self._report(result.run_dir)
+        self._last = Health(Level.OK if good else Level.WARN, ended)
         if result.outcome == "completed":
             goal_handle.succeed()
         elif goal_handle.is_cancel_requested:
@@ -142,6 +169,8 @@ class PracticeManagerNode(Node):
         if not goal_handle.request.run_dir:
             raise ConfigError("run_dir", "", "the folder of the run")
         folder, strategy = Path(goal_handle.request.run_dir), make_strategy(self._config)
+        if not folder.is_absolute():
+            raise ConfigError("run_dir", str(folder), "an absolute path (a node runs in another folder)")
         fastest = strategy.fastest_movements()
         require_within_velocity_limits(self._config, fastest, self._path, self._known_path)
         rows: Sequence[TrialRow] = ()
@@ -202,6 +231,7 @@ class PracticeManagerNode(Node):
             if isinstance(plan, Ending):
                 return plan
             started = time.monotonic()
+            self._doing = f"trial {plan.index} of the run in {result.run_dir}"
             progress.begin(plan, session.strategy.preview())
             done = session.run_trial(plan)
             for text in filter(None, (done.note, done.warning)):
@@ -212,6 +242,34 @@ class PracticeManagerNode(Node):
             result.trials.append(message)
             progress.trial_done(message, row)
         return Ending("cancelled", "the run was cancelled")
+
+    def _report(self, folder: str) -> None:
+        """Make the report in a process of its own: drawing takes libraries that no node should load."""
+        command = [sys.executable, "-m", "tel_ros.app.cli", "report", folder]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=REPORT_TIMEOUT_S)
+            good, said = done.returncode == 0, (done.stdout if done.returncode == 0 else done.stderr).strip()
+        except subprocess.TimeoutExpired:
+            good, said = False, f"not ready within {REPORT_TIMEOUT_S:g} s"
+        if good:
+            self.get_logger().info(f"report: {said}")
+        else:
+            self.get_logger().warning(f"no report: {said}")
+
+    def _health(self) -> Health:
+        """Say what the run does, and notice when nobody waits for its result any more."""
+        if not self._busy:
+            return self._last
+        now = time.monotonic()
+        if self.count_clients(self._result_service):
+            self._client_seen_at, self._client_gone = now, False
+        if now - self._client_seen_at < CLIENT_GONE_S:
+            return Health(Level.OK, self._doing)
+        text = "whoever asked for the run is gone; it goes on until it is cancelled"
+        if not self._client_gone:
+            self._client_gone = True
+            self.get_logger().warning(text)
+        return Health(Level.WARN, f"{self._doing}; {text}")
 
     def _wait_for_arm(self, timeout_s: float) -> None:
         if not self._ready.wait(timeout_s):

@@ -284,11 +284,15 @@ class Graph:
         self.spin_until(lambda: bool(arm), 10.0, "a joint state")
         return arm[-1]
 
+    def result_of(self, handle: Any, timeout_s: float = 90.0) -> Any:
+        """Wait for the end of an action and return its result."""
+        future = handle.get_result_async()
+        self.spin_until(future.done, timeout_s, "the result")
+        return future.result().result
+
     def result(self, handle: Any, timeout_s: float = 40.0) -> Any:
         """Wait for the end of a trial and return its result."""
-        future = handle.get_result_async()
-        self.spin_until(future.done, timeout_s, "the result of the trial")
-        return future.result().result.result
+        return self.result_of(handle, timeout_s).result
 
     def signal(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a node."""
