@@ -122,13 +122,13 @@ class SpaceBar:
     """Tells whether the space bar was pressed; without a terminal it never is. Ctrl-C and Ctrl-Z work."""
 
     def __init__(self) -> None:
-        self._terminal = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else None
+        self._terminal = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
         self._before: list | None = None
 
     def __enter__(self) -> SpaceBar:
         """Have keys come one by one."""
         # Touching the terminal would stop a process in the background.
-        if self._terminal is not None and os.tcgetpgrp(self._terminal) == os.getpgrp():
+        if self._terminal >= 0 and os.tcgetpgrp(self._terminal) == os.getpgrp():
             self._before = termios.tcgetattr(self._terminal)
             tty.setcbreak(self._terminal)
         return self

@@ -156,7 +156,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
     kind = learner_kind(request.learner)
     recordings, others = read_sources(request.sources, request.topic, request.joints)
     joints = recordings[0].joints
-    urdf, assumed = "", []
+    urdf, assumed = "", list[str]()
     if request.urdf:
         urdf, assumed = arm_description(named_file(request.urdf, Path.cwd()), joints, others)
     parts = [
@@ -220,7 +220,7 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
         named = [input_name(joints, int(c)) for c in np.argsort(-columns, kind="stable")[:3] if columns[c]]
         reasons.append(f"outside of the range that was learned ({', '.join(named)})")
     if prediction.uncertain.any():
-        named = [j for j, u in zip(joints, prediction.uncertain.any(axis=0), strict=True) if u]
+        named = [j for j, u in zip(joints, np.any(prediction.uncertain, axis=0), strict=True) if u]
         reasons.append(f"as uncertain as a guess ({', '.join(named)})")
     faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
     share = n_extrapolated / n

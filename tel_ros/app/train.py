@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 @click.pass_context
 def train(
     context: click.Context,
+    /,
     bags: tuple[Path, ...],
     out: Path,
     force: bool,

@@ -167,8 +167,10 @@ class ArmClient:
         stamp_ns = time_ns(message.header.stamp)
         position = np.array(message.position)[columns]
         age_s = (time.time_ns() - stamp_ns) / NS_PER_S
-        fields = (self._field(values, names, columns) for values in (message.velocity, message.effort))
-        self._rows.append((now_s, stamp_ns, age_s, position, *fields))
+        velocity, effort = (
+            self._field(values, names, columns) for values in (message.velocity, message.effort)
+        )
+        self._rows.append((now_s, stamp_ns, age_s, position, velocity, effort))
         if self._program is not None and not self._program.done:
             self._send(self._program.step(now_s, position), stamp_ns)
 
@@ -189,7 +191,7 @@ class ArmClient:
         self._channel.send(answered_ns)
 
 
-def endpoints(client: ArmClient, command_topic: str) -> tuple[list[Endpoint], ...]:
+def endpoints(client: ArmClient, command_topic: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:
     """Return who else publishes joint states, publishes commands and subscribes to commands."""
     node = client.node
     return (

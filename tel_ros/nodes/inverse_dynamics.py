@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
@@ -128,7 +129,7 @@ class InverseDynamicsNode(Node):
             return Health(Level.WARN, f"refused: {self._trouble}", values)
         return Health(Level.OK, self._doing or "ready", values)
 
-    def _refuse(self, response, error: TelError):  # noqa: ANN001, ANN202 - any of the four responses
+    def _refuse(self, response: Any, error: TelError) -> Any:  # any of the four responses
         self.get_logger().error(str(error))
         self._trouble = str(error)
         response.success, response.message = False, str(error)

@@ -11,12 +11,13 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
 from tel_ros.core.errors import TelError
@@ -31,7 +32,7 @@ class TransitionRefusedError(TelError):
     """A managed node does not do a transition now; it stays in the state that it is in."""
 
 
-def _transition(hook: str) -> Callable[[ManagedNode, LifecycleState], TransitionCallbackReturn]:
+def _transition(hook: str) -> Any:
     return lambda node, state: node._do(getattr(node, hook))
 
 

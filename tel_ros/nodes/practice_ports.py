@@ -180,7 +180,7 @@ class PracticePorts:
         heard_at = time.monotonic()
         cancelling = False
 
-        def on_feedback(message) -> None:  # noqa: ANN001 - a type that rclpy makes
+        def on_feedback(message: Any) -> None:  # of a type that rclpy makes
             nonlocal heard_at
             heard_at = time.monotonic()
             self.run.moving(message.feedback)

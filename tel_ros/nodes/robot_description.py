@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -54,7 +55,11 @@ def _heard(topic: str, context: Context) -> Path:
     listener = Node("robot_description_listener", context=context, use_global_arguments=False)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener)
-    listener.create_subscription(String, topic, lambda message: heard.append(message.data), qos.LATCHED)
+
+    def hear(message: Any) -> None:
+        heard.append(message.data)
+
+    listener.create_subscription(String, topic, hear, qos.LATCHED)
     try:
         end = time.monotonic() + TIMEOUT_S
         while not heard and time.monotonic() < end:

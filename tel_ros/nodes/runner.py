@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -43,7 +44,8 @@ def use_transport_profile() -> None:
 
 
 def run_node(
-    make_node: Callable[[], Node], make_executor: Callable[[], Executor] = SingleThreadedExecutor
+    make_node: Callable[[], Node],
+    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
@@ -67,17 +69,17 @@ def run_node(
         signal.signal(number, on_signal)
     use_transport_profile()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node: Node | None = None
+    node: Any = None
     try:
         node = make_node()
-        executor = make_executor()
+        executor: Any = make_executor()
         executor.add_node(node)
         # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
         node.create_timer(_SIGNAL_CHECK_S, lambda: None)
         # What exists by now stays: looking through it again and again would hold the loop up.
         gc.freeze()
         wishes = {name: getattr(node, name) for name in _WISHES if hasattr(node, name)}
-        spin = partial(spin_hot, node, executor, getattr(node, "busy_subscriptions", ()), **wishes)
+        spin: Any = partial(spin_hot, node, executor, getattr(node, "busy_subscriptions", ()), **wishes)
         spin(lambda: bool(stopping))
         if hasattr(node, "stop"):
             node.stop()

@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -225,7 +226,7 @@ def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Fig
     return figure, [list(row) for row in grid]
 
 
-def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: object) -> None:
+def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
     axes.plot(*thinned(time_s, values, _DRAWN_POINTS), **style)
 
 

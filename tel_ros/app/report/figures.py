@@ -96,7 +96,7 @@ def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[P
         PathPanel(
             f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
             f"RMS error {significant(trial.summary.rms_error_rad)} rad",
-            *map(plane.project, path),
+            *(plane.project(path[0]), plane.project(path[1]), plane.project(path[2])),
             completed=trial.summary.completed,
         )
         for trial, path in zip(drawn, paths, strict=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -53,7 +54,8 @@ def steps(run: RunData) -> Content | None:
         return points_m[rows]
 
     panels, _, labels = path_panels(trials, run.chain)
-    panels = [replace(p, **{name: thinned(curve) for name, curve in p.curves_m.items()}) for p in panels]
+    thin: list[dict[str, Any]] = [{k: thinned(curve) for k, curve in p.curves_m.items()} for p in panels]
+    panels = [replace(panel, **curves) for panel, curves in zip(panels, thin, strict=True)]
     indices = [trial.summary.index for trial in trials]
     pictures = [
         (index, Markup(inline_svg(figure, f"step-{index}")))

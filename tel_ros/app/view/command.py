@@ -95,11 +95,12 @@ def view_process(
         )
     with suppress(OSError):  # it may have died already
         # Shorter than a pipe's buffer, so this does not wait.
+        assert process.stdin
         process.stdin.write(f"{token}\n")
         process.stdin.close()
 
     def listen() -> None:
-        for line in process.stdout:
+        for line in process.stdout or ():
             tell(line.strip())
 
     threading.Thread(target=listen, daemon=True).start()

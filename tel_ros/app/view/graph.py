@@ -73,11 +73,15 @@ class GraphView:
         node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
         node.create_subscription(Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED)
         node.create_subscription(Bool, topics.PAUSED, self._on_paused, qos.LATCHED)
+
+        def on_practice(message: Any) -> None:
+            on_feedback(message.feedback)
+
         # The feedback of an action is a topic like any other.
         node.create_subscription(
             Practice.Impl.FeedbackMessage,
             f"{topics.PRACTICE}/_action/feedback",
-            lambda message: on_feedback(message.feedback),
+            on_practice,
             qos.EVENTS,
         )
         self._stop = node.create_client(Trigger, topics.SAFETY_STOP)

@@ -31,7 +31,7 @@ class GridSeries:
 
     def __init__(self, n_joints: int, end_s: float, n_cells: int = N_CELLS) -> None:
         self._cell_s = end_s / n_cells
-        self.time_s: FloatArray = (np.arange(n_cells) + 0.5) * self._cell_s
+        self.time_s: FloatArray = (np.arange(n_cells, dtype=np.float64) + 0.5) * self._cell_s
         """Middle of each cell. Shape (n_cells,)."""
         self.values: FloatArray = np.full((n_cells, n_joints), np.nan)
         """NaN where nothing has come. Shape (n_cells, n_joints)."""

@@ -277,7 +277,7 @@ def segments(points_m: FloatArray) -> FloatArray:
 
     Shape (n_segments, 2, 3); at least one: browsers draw nothing from an empty array.
     """
-    segments = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
+    segments: Any = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
     return segments if len(segments) else _nothing()
 

@@ -15,7 +15,7 @@ import io
 import socket
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.typing import Subprotocol
+from websockets.typing import Origin, Subprotocol
 
 from tel_ros.app.view.gate import HOST, Gate, Verdict, ViewError
 
@@ -46,7 +46,7 @@ def harmless(message: str | bytes) -> bytes | None:
     new handlers for somebody's buttons, uploads, tunnels, dragged parts, and whatever is unknown.
     """
     try:
-        said = msgspec.msgpack.decode(message)
+        said = msgspec.msgpack.decode(message)  # type: ignore[arg-type]  # text is refused
     except (msgspec.DecodeError, TypeError):
         return None
     if not isinstance(said, dict) or said.get("type") not in MAY_SAY:
@@ -109,7 +109,7 @@ class OwnersServer:
                 self._relay,
                 sock=listener,
                 process_request=self._answer,
-                origins=[*self._gate.origins],
+                origins=[Origin(origin) for origin in self._gate.origins],
                 select_subprotocol=_viewer,
                 compression=None,
                 max_size=_LONGEST_MESSAGE,
@@ -169,7 +169,9 @@ def _servers_listen_at(file: Path) -> Iterator[None]:
     """
 
     class Loop(asyncio.SelectorEventLoop):
-        async def create_server(self, factory: Any, *place: Any, **options: Any) -> Any:
+        async def create_server(  # type: ignore[override]
+            self, factory: Any, *place: Any, **options: Any
+        ) -> Any:
             return await self.create_unix_server(factory, str(file), **options)
 
     class Policy(asyncio.DefaultEventLoopPolicy):
@@ -196,7 +198,7 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-def _viewer(connection: ServerConnection, offered: list[Subprotocol]) -> Subprotocol | None:
+def _viewer(connection: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
     """Choose the protocol that names viser's version; viser checks it."""
     return next((name for name in offered if name.startswith("viser-v")), None)
 
