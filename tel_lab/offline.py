@@ -2,15 +2,13 @@
 
 Tick for tick this is what the ROS graph does in lockstep: each state of the arm is answered by the
 controller, each answer lets one period pass, and between trials time stands still. Equal goals give
-bit-identical ticks here and there, so benchmarks and studies can run here, and much faster. Nothing is
-recorded.
+bit-identical ticks here and there, so studies run here, and much faster. Nothing is recorded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+from contextlib import AbstractContextManager
 
 import numpy as np
 
@@ -31,7 +29,7 @@ from tel_ros.core.trial import Tick, Trial, TrialGoal, TrialReport
 from tel_ros.core.types import FloatArray
 
 
-class OfflineArm:
+class OfflineArm(AbstractContextManager["OfflineArm"]):
     """A simulated arm under the control of an :class:`EpController`. Use it with ``with``.
 
     Args:
@@ -50,13 +48,7 @@ class OfflineArm:
         self._start_ns = 0
         self._arm = self._new_arm(config.sim)
 
-    def __enter__(self) -> Self:
-        """Return the arm."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the arm."""
         self.close()
 
@@ -132,7 +124,7 @@ class OfflineArm:
         return SimulatedArm(config.arm, sim, rate_hz=config.control.rate_hz, seed=config.seed + n_before)
 
 
-class OfflinePractice:
+class OfflinePractice(AbstractContextManager["OfflinePractice"]):
     """A practice run: predict, execute, learn, and so on. Use it with ``with``.
 
     Args:
@@ -156,13 +148,7 @@ class OfflinePractice:
         self.ending: Ending | None = None
         """How the last call of :meth:`run` ended."""
 
-    def __enter__(self) -> Self:
-        """Return the practice."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the arm."""
         self.arm.close()
 
