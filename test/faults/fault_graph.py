@@ -16,7 +16,7 @@ from pathlib import Path
 
 import psutil
 from fault_setups import ROOT, Setup
-from fault_tap import REMAPPED, SpunTap
+from fault_tap import REMAPPED, spun_tap
 
 from tel_ros.core.config import Config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder
@@ -89,7 +89,7 @@ class FaultGraph:
                 ["-m", "sim_bridge.node", "--ros-args", "-p", parameter, *REMAPPED], "arm"
             )
         self.tap = self._stack.enter_context(
-            SpunTap(self._domain, self.setup.in_between, self.config.control.realtime_priority)
+            spun_tap(self._domain, self.setup.in_between, self.config.control.realtime_priority)
         )
         arguments = ["-m", "tel_ros.app.cli", "practice", str(self.setup.config_file)]
         arguments += ["--out", str(self.run), "--no-report", "--json"]

@@ -7,7 +7,8 @@ import itertools
 import threading
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -236,39 +237,36 @@ class Tap(Node):
             publisher.publish(make())
 
 
-class SpunTap:
-    """A tap that is spun in a thread of its own; use it with ``with``.
+@contextmanager
+def spun_tap(domain: int, in_between: bool, priority: int = 0) -> Iterator[Tap]:
+    """Spin a tap in a thread of its own.
 
     Args:
         domain: ROS domain.
         in_between: see :class:`Tap`.
         priority: SCHED_FIFO priority, where it is permitted, of whatever passes messages on; 0: none.
     """
+    context = Context()
+    context.init(domain_id=domain)
+    tap, executor, ended = (
+        Tap(context, in_between),
+        SingleThreadedExecutor(context=context),
+        threading.Event(),
+    )
+    executor.add_node(tap)
 
-    def __init__(self, domain: int, in_between: bool, priority: int = 0) -> None:
-        self._priority = priority
-        self._context = Context()
-        self._context.init(domain_id=domain)
-        self.tap = Tap(self._context, in_between)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.tap)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._spin)
-
-    def __enter__(self) -> Tap:
-        """Begin to spin."""
-        self._thread.start()
-        return self.tap
-
-    def __exit__(self, *error: object) -> None:
-        """End."""
-        self._ended.set()
-        self._thread.join()
-        self._executor.shutdown()
-        self.tap.destroy_node()
-        self._context.try_shutdown()
-
-    def _spin(self) -> None:
+    def spin() -> None:
         # Not the main thread: it judges, and would keep a core from everybody for so long.
-        set_priority(self._priority, but=[threading.main_thread().native_id or 0])
-        spin_hot(self.tap, self._executor, self.tap.busy_subscriptions, self._ended.is_set)
+        set_priority(priority, but=[threading.main_thread().native_id or 0])
+        spin_hot(tap, executor, tap.busy_subscriptions, ended.is_set)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield tap
+    finally:
+        ended.set()
+        thread.join()
+        executor.shutdown()
+        tap.destroy_node()
+        context.try_shutdown()
