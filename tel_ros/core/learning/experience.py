@@ -22,14 +22,10 @@ _CONTRADICTION = 2.4
 """How many times worse than it ought to be a fit to all trials has to be. On the default arm a payload of
 0.5 kg makes 2.9 with much unmodelled friction and 26 without; new kinds of movements stay below 2.0."""
 CHANGED = "the arm has changed: earlier trials are forgotten"
-_MEMORY = 0.5
-"""Weight of a test relative to the next one."""
-_LEAST_LEVERAGE = 1e-12
 _LEAST_TRUST = 1e-12
 """Above zero, so that the weighted mean of samples none of which slides is one."""
 _SAMPLES_PER_PERIOD = 5.0
-"""Samples kept for each period of the highest frequency that the filter has left: neighbours that lie
-closer repeat each other."""
+"""Of the highest frequency that the filter has left: closer neighbours repeat each other."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +37,8 @@ class SampleMemory:
         targets_rad: shape (n, n_joints).
         noise: standard deviation of the noise in each input. Shape (n, 3 * n_joints).
         weight: shape (n,).
-        trial: number of the trial that each sample is from. Shape (n,).
-        trust: how far each target can be believed, 0 to 1: less where the joint may have stuck (see
+        trial: number of each sample's trial. Shape (n,).
+        trust: weight of each target, 0 to 1: less where the joint may have stuck (see
             :func:`~.noise.slides_throughout`). Shape (n, n_joints).
     """
 
@@ -91,7 +87,7 @@ class SampleMemory:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return it as arrays."""
-        return {f"memory_{field.name}": getattr(self, field.name) for field in fields(self)}
+        return {f"memory_{name}": array for name, array in vars(self).items()}
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -99,20 +95,12 @@ class SampleMemory:
 
     def __getitem__(self, rows: slice | BoolArray) -> Self:
         """Return some of the samples."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return type(self)(*(array[rows] for array in vars(self).values()))
 
     def joined(self, newer: Self) -> Self:
         """Return this memory followed by another."""
-        both = ((getattr(self, field.name), getattr(newer, field.name)) for field in fields(self))
-        return type(self)(*(np.concatenate(pair) for pair in both))
-
-    def trusted(self, trust: FloatArray) -> Self:
-        """Return the same samples, believed this far. ``trust`` has shape (n, n_joints)."""
-        return replace(self, trust=trust)
-
-    def discounted(self, factor: float) -> Self:
-        """Return the same samples with other weights."""
-        return replace(self, weight=factor * self.weight)
+        both = zip(vars(self).values(), vars(newer).values(), strict=True)
+        return type(self)(*map(np.concatenate, both))
 
     def bounded(self, most: int) -> Self:
         """Return at most so many samples: of the oldest trials every second one goes, for double weight."""
@@ -135,9 +123,9 @@ def thinning(samples: TrainingSamples) -> int:
 
 
 def counted(error_rad: FloatArray, trust: FloatArray) -> FloatArray:
-    """Return errors scaled so that their mean squares are those of the given ones, weighted with trust.
+    """Return errors scaled so that their mean squares are those of the given ones, weighted with trust > 0.
 
-    All of shape (n, n_joints); trust is above 0.
+    All of shape (n, n_joints).
     """
     result: FloatArray = error_rad * np.sqrt(trust / np.mean(trust, axis=0))
     return result
@@ -178,13 +166,10 @@ def alternate_slices(n: int) -> BoolArray:
 def better_strength(now: float, error_with: Callable[[float], float]) -> tuple[float, float]:
     """Return the strength of a prior to go on with (the same, ten times more or less) and its held-out error.
 
-    Args:
-        now: strength at present.
-        error_with: held-out error as a function of the strength.
+    ``error_with`` returns the held-out error with a strength.
     """
     best, least = now, error_with(now)
-    for factor in (_FACTOR, 1.0 / _FACTOR):
-        strength = now * factor
+    for strength in (now * _FACTOR, now * (1.0 / _FACTOR)):
         if _RANGE[0] <= strength <= _RANGE[1]:
             error = error_with(strength)
             if error < CLEARLY * least:
@@ -218,82 +203,3 @@ def arm_has_changed(
     least = np.finfo(float).tiny
     contradiction = together_rad / np.maximum(np.maximum(alone_rad, usual_rad), least)
     return bool(np.exp(np.mean(np.log(np.maximum(contradiction, least)))) > _CONTRADICTION)
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Standard deviation of predictions from their leverage: std² = σ² + s² h(x), per joint.
-
-    The leverage h = ψᵀ A⁻¹ ψ shows where data are missing, but not how wrong the form of the model is. So s²
-    is measured: each new trial is predicted before it is learned from, and s² is the ratio of its squared
-    errors to its leverage. σ² is what remains after fitting.
-
-    Args:
-        residual_rad2: σ². Shape (n_joints,).
-        scale_rad2: s². Shape (n_joints,).
-    """
-
-    residual_rad2: FloatArray
-    scale_rad2: FloatArray
-
-    @classmethod
-    def unknown(cls, n_joints: int) -> Self:
-        """Return that of an untrained learner: its errors may be of any size."""
-        return cls(np.full(n_joints, np.inf), np.full(n_joints, np.inf))
-
-    @classmethod
-    def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
-        """Return a calibration from its arrays.
-
-        Raises:
-            ValueError: they have the wrong shape or hold NaN or numbers below 0.
-        """
-        residual, scale = arrays["calibration_residual"], arrays["calibration_scale"]
-        if residual.size == scale.size == 0:
-            return cls.unknown(n_joints)
-        for values in (residual, scale):
-            if values.shape != (n_joints,) or not np.all(values >= 0.0):
-                raise ValueError(f"a calibration is {values}; expected {n_joints} numbers of at least 0")
-        return cls(residual, scale)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return it as arrays of finite numbers, empty if it is not known."""
-        if not self.is_known:
-            return {"calibration_residual": np.empty(0), "calibration_scale": np.empty(0)}
-        return {"calibration_residual": self.residual_rad2, "calibration_scale": self.scale_rad2}
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there was a trial to measure it."""
-        return bool(np.all(np.isfinite(self.residual_rad2)))
-
-    def std(self, leverage: FloatArray) -> FloatArray:
-        """Return standard deviations [rad] for leverages of shape (n, n_joints)."""
-        if not self.is_known:
-            return np.full(leverage.shape, np.inf)
-        result: FloatArray = np.sqrt(self.residual_rad2 + self.scale_rad2 * leverage)
-        return result
-
-    def tested(self, error_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
-        """Return it after a test: errors at samples that had not been learned from.
-
-        All of shape (n, n_joints). ``trust`` says how far each sample is believed; None: all the same.
-        """
-        noise = np.where(np.isfinite(self.residual_rad2), self.residual_rad2, 0.0)
-        excess = np.maximum(_mean(error_rad**2, trust) - noise, 0.0)
-        found = excess / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
-        before = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, found)
-        return replace(self, scale_rad2=_MEMORY * before + (1.0 - _MEMORY) * found)
-
-    def fitted(self, residual_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
-        """Return it after training: errors that remain at the samples that were learned from."""
-        residual = _mean(residual_rad**2, trust)
-        # Before the first test the scale is guessed from the residual.
-        guess = residual / np.maximum(_mean(leverage, trust), _LEAST_LEVERAGE)
-        scale = np.where(np.isfinite(self.scale_rad2), self.scale_rad2, guess)
-        return replace(self, residual_rad2=residual, scale_rad2=scale)
-
-
-def _mean(values: FloatArray, trust: FloatArray | None) -> FloatArray:
-    """Return the weighted mean of each column. Shape (n_joints,)."""
-    return np.asarray(np.average(values, axis=0, weights=trust), dtype=np.float64)

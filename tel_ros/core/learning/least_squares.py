@@ -1,9 +1,8 @@
 """Least squares with a prior, for models that are linear in their parameters: rigid links and trees.
 
-Linear algebra runs on one thread (:func:`on_one_thread`). The matrices are small enough that a second one
-gains little. It loses much where other processes want the cores: threads of BLAS wait for each other by
-spinning (training of 17 short trials beside two busy processes: 9.4 s, on one thread 0.7 s). And results do
-not depend on the number of cores.
+Linear algebra runs on one thread: the matrices are small, and where other processes want the cores, threads
+of BLAS wait for each other by spinning (training of 17 short trials beside two busy processes: 9.4 s, on one
+thread 0.7 s). And results do not depend on the number of cores.
 """
 
 from __future__ import annotations
@@ -127,8 +126,7 @@ def second_difference_prior(n_gaussians: int) -> FloatArray:
     It punishes the second difference of the weights (P-splines: Eilers and Marx, Statistical Science 11,
     1996), and, a hundred times weaker, the weights themselves. So a tree goes on in a straight line where
     there are no data: inertial torque is linear in acceleration, and a movement that is a little faster than
-    any before is predicted from slower ones. Gaussians that are punished for their size alone fall back to
-    zero there.
+    any before is predicted from slower ones. Punished for their size alone, Gaussians fall to zero there.
     """
     if n_gaussians < 3:
         return np.eye(n_gaussians)
@@ -155,8 +153,8 @@ class TreeRegression:
 
     def copy(self) -> TreeRegression:
         """Return one that can be changed without changing this one."""
-        twin = TreeRegression(copy.deepcopy(self.tree), self.strength)
-        twin.gram, twin._factor, twin.silent = self.gram.copy(), self._factor, self.silent
+        twin = copy.copy(self)
+        twin.tree, twin.gram = copy.deepcopy(self.tree), self.gram.copy()
         return twin
 
     def gram_of(self, data: TreeData, first: int = 0) -> FloatArray:
@@ -164,10 +162,7 @@ class TreeRegression:
 
         Noise n in the regressors makes E[ψ(x + n) ψ(x + n)ᵀ] too large by (∂ψ/∂x) σ² (∂ψ/∂x)ᵀ, which pulls
         all weights towards zero (errors in variables). Its size is known from the filter, so it is
-        subtracted. Only accelerations are noisy enough.
-
-        Returns:
-            Shape (n_weights, n_weights - first).
+        subtracted. Only accelerations are noisy enough. Shape (n_weights, n_weights - first).
         """
         size, n_joints = self.tree.weights.size, self.tree.n_inputs // 3
         gram = np.zeros((size, size - first))
@@ -204,11 +199,7 @@ class TreeRegression:
         self.set_gram(gram)
 
     def solve(self, moment: FloatArray) -> None:
-        """Set the weights to the solution of (gram + prior) w = moment; to 0 if silent.
-
-        Args:
-            moment: Σ w ψ y. Shape (n_weights,).
-        """
+        """Set the weights to the solution of (gram + prior) w = Σ w ψ y, the moment; to 0 if silent."""
         if self.silent:
             self.tree.weights = np.zeros_like(self.tree.weights)
             return
@@ -233,19 +224,20 @@ class TreeRegression:
         return result
 
     def _factorised(self) -> FloatArray:
+        """Return the Cholesky factor of the gram with the prior added."""
+        block, n = second_difference_prior(self.tree.n_gaussians), self.tree.n_gaussians
+
+        def factor_of(gram: FloatArray) -> FloatArray:
+            regular = gram.copy()
+            for start in range(0, len(regular), n):
+                regular[start : start + n, start : start + n] += self.strength * block
+            factor: FloatArray = cholesky(regular, lower=True, overwrite_a=True, check_finite=False)
+            return factor
+
         try:
-            return self._factor_of(self.gram)
+            return factor_of(self.gram)
         except LinAlgError:
             # In some directions more was subtracted for noise than there was. Their sign is noise, too; their
             # size is not.
             values, vectors = np.linalg.eigh(self.gram)
-            return self._factor_of((vectors * np.abs(values)) @ vectors.T)
-
-    def _factor_of(self, gram: FloatArray) -> FloatArray:
-        """Return the Cholesky factor of a gram with the prior added."""
-        block, n = second_difference_prior(self.tree.n_gaussians), self.tree.n_gaussians
-        regular = gram.copy()
-        for start in range(0, len(regular), n):
-            regular[start : start + n, start : start + n] += self.strength * block
-        factor: FloatArray = cholesky(regular, lower=True, overwrite_a=True, check_finite=False)
-        return factor
+            return factor_of((vectors * np.abs(values)) @ vectors.T)

@@ -9,15 +9,13 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
+from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
 from tel_ros.core.learning.experience import (
     CHANGED,
     CLEARLY,
-    Calibration,
     SampleMemory,
     alternate_slices,
-    arm_has_changed,
     better_strength,
-    counted,
     thinning,
 )
 from tel_ros.core.learning.learner import (
@@ -38,9 +36,11 @@ from tel_ros.core.types import BoolArray, FloatArray
 BASE = "base_"
 """Begins the names of the stored arrays of the base."""
 _FIRST_STRENGTH = 0.1
+_CALIBRATION_SAMPLES = 500
+"""About so many are predicted with their leverage, which costs much more than the prediction."""
 
 
-class LeastSquaresLearner:
+class LeastSquaresLearner(CalibratedLearner):
     """One tree a joint, its weights solved for over the samples of all trials.
 
     Each trial is predicted before it is learned from. This decides, joint by joint, how strong the prior is
@@ -53,12 +53,10 @@ class LeastSquaresLearner:
     """
 
     def __init__(self, context: LearnerContext, base: RigidBodyLearner | None = None) -> None:
-        self.context, self.trials_learned, self.base = context, 0, base
-        self.changed = False
-        """Whether the latest trial could not be explained together with the earlier ones."""
+        super().__init__(context)
+        self.base = base
         self._joints = [TreeRegression(tree, _FIRST_STRENGTH) for tree in new_trees(context)]
         self._memory = SampleMemory.empty(len(context.joints))
-        self._calibration = Calibration.unknown(len(context.joints))
 
     @classmethod
     def restored(
@@ -68,7 +66,7 @@ class LeastSquaresLearner:
         learner = cls(context, base)
         learner.trials_learned = int(stored.header["trials_learned"])
         learner._memory = SampleMemory.restored(stored.arrays, len(context.joints))
-        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         strengths = stored.header["prior_strengths"]
         if not all(0.0 < strength < np.inf for strength in strengths):
             raise ValueError(f"prior_strengths is {strengths}; expected finite numbers above 0")
@@ -88,8 +86,8 @@ class LeastSquaresLearner:
             "prior_strengths": [joint.strength for joint in self._joints],
             "silent": [joint.silent for joint in self._joints],
         }
-        trees = [joint.tree for joint in self._joints]
-        arrays = tree_arrays(trees) | self._memory.arrays() | self._calibration.arrays()
+        arrays = tree_arrays([joint.tree for joint in self._joints])
+        arrays |= self._memory.arrays() | self.calibration.arrays()
         if self.base is not None:
             base = self.base.stored()
             header["base"] = dict(base.header)
@@ -104,18 +102,10 @@ class LeastSquaresLearner:
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         scaled = self.context.input_range.scale(inputs)
-        result = (
-            np.zeros((len(inputs), len(self._joints))) if self.base is None else self.base.predict(inputs)
-        )
+        result = self.base.predict(inputs) if self.base else np.zeros((len(inputs), len(self._joints)))
         for j, joint in enumerate(self._joints):
             result[:, j] += joint.tree.predict(scaled)
         return result
-
-    def std(self, inputs: FloatArray) -> FloatArray:
-        """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""
-        if not self._calibration.is_known:
-            return np.full((len(inputs), len(self.context.joints)), np.inf)
-        return self._calibration.std(self.leverage(inputs))
 
     @on_one_thread
     def leverage(self, inputs: FloatArray) -> FloatArray:
@@ -135,10 +125,9 @@ class LeastSquaresLearner:
         inputs, targets = training_pair(mode, samples, self.predict)
         learner = copy.copy(self)
         learner.trials_learned += 1
-        learner.changed = False
         learner._joints = [joint.copy() for joint in self._joints]
         new = SampleMemory.of_trial(samples, inputs, targets, self.trials_learned)
-        old = self._memory.discounted(learning.forgetting)
+        old = replace(self._memory, weight=learning.forgetting * self._memory.weight)
         for joint in learner._joints:
             joint.gram *= learning.forgetting
         notes: list[str] = []
@@ -146,22 +135,21 @@ class LeastSquaresLearner:
             pair = replace(samples, actual=inputs, offset_rad=targets)
             learner.base, told = self.base.trained_on(pair, "actual")
             notes += told.grown
-            new = new.trusted(learner._trust(samples.certain[:: thinning(samples)]))
-            if learner.base.changed:
-                old = learner._start_over()
-        if learning.detect_change and self.trials_learned and not learner.changed:
-            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
-            usual = np.sqrt(self._calibration.residual_rad2)
-            if arm_has_changed(error, std, usual, lambda: learner._residuals(old, new)):
-                old = learner._start_over()
-                notes.append(CHANGED)
+            new = replace(new, trust=learner._trust(samples.certain[:: thinning(samples)]))
+        if CHANGED in notes:
+            old = learner._start_over()
+        elif self._is_contradicted(new, lambda: learner._residuals(old, new)):
+            old = learner._start_over()
+            notes.append(CHANGED)
         if len(old) or len(new) > 1:  # a single sample cannot be held out and learned from
             notes += learner._choose(old, new)
         for before, joint in zip(self._joints, learner._joints, strict=True):
             if learning.forgetting != 1.0 or joint.tree.n_subtrees != before.tree.n_subtrees:
                 joint.set_gram(learner._gram_of(joint, old))
         learner._fit(old, new)
-        learner._calibrate(self, samples)
+        rows = slice(None, None, max(1, len(samples.actual) // _CALIBRATION_SAMPLES))
+        trust = learner._trust(samples.certain[rows])
+        learner._calibrate(self, samples.actual[rows], samples.offset_rad[rows], trust)
         if not all(np.all(np.isfinite(joint.tree.weights)) for joint in learner._joints):
             raise TrainingError("the weights did not stay finite; the network is unchanged")
         return learner, outcome(self, learner, samples, tuple(notes))
@@ -183,14 +171,13 @@ class LeastSquaresLearner:
         A target is shrunk to zero as far as it cannot be believed, which leaves the prediction to the base: a
         tree that never sees such a sample could say anything there.
         """
-        if self.base is None:
-            return self._tree_data(memory), memory.targets_rad
-        wanted: FloatArray = memory.trust * (memory.targets_rad - self.base.predict(memory.inputs))
+        wanted = memory.targets_rad
+        if self.base is not None:
+            wanted = memory.trust * (wanted - self.base.predict(memory.inputs))
         return self._tree_data(memory), wanted
 
     def _start_over(self) -> SampleMemory:
         """Forget all samples and return the memory that is left; the trees keep their form."""
-        self.changed = True
         for joint in self._joints:
             joint.gram = np.zeros_like(joint.gram)
             joint.strength = _FIRST_STRENGTH
@@ -202,18 +189,16 @@ class LeastSquaresLearner:
         if len(old) == 0:
             chosen = alternate_slices(len(new))
             learned, held_out = new[chosen], new[~chosen]
-        (learned_data, learned_y), (held_out_data, held_out_y) = self._data(learned), self._data(held_out)
-        notes: list[str] = []
+        (data, y), (test_data, test_y) = self._data(learned), self._data(held_out)
+        learning, notes = self.context.learning, []
         for j, joint in enumerate(self._joints):
             if len(old) == 0:
-                joint.gram = joint.gram_of(learned_data)
-            y_learned, y_held_out = learned_y[:, j], held_out_y[:, j]
+                joint.gram = joint.gram_of(data)
             joint.silent = False
+            moment = joint.moment_of(data, y[:, j])
 
-            def residual(candidate: TreeRegression, y: FloatArray = y_held_out) -> FloatArray:
-                return y - candidate.tree.predict(held_out_data.inputs)
-
-            moment = joint.moment_of(learned_data, y_learned)
+            def residual(tried: TreeRegression, y: FloatArray = test_y[:, j]) -> FloatArray:
+                return y - tried.tree.predict(test_data.inputs)
 
             def error_with(strength: float, joint: TreeRegression = joint, b: FloatArray = moment) -> float:
                 joint.strength = strength
@@ -222,21 +207,18 @@ class LeastSquaresLearner:
 
             joint.strength, error = better_strength(joint.strength, error_with)
             joint.solve(moment)
-            for _ in range(self.context.learning.growth_per_trial):
-                if joint.tree.n_subtrees >= self.context.learning.max_subtrees:
-                    break
-                leaf = joint.tree.most_pulled_leaf(
-                    joint.tree.change_variance(held_out_data.inputs, residual(joint))
-                )
+            for _ in range(min(learning.growth_per_trial, learning.max_subtrees - joint.tree.n_subtrees)):
+                variance = joint.tree.change_variance(test_data.inputs, residual(joint))
+                leaf = joint.tree.most_pulled_leaf(variance)
                 grown = joint.copy()
-                grown.grow(leaf, learned_data)
-                grown.solve(grown.moment_of(learned_data, y_learned))
+                grown.grow(leaf, data)
+                grown.solve(grown.moment_of(data, y[:, j]))
                 if rms(residual(grown)) > CLEARLY * error:
                     break
                 joint = self._joints[j] = grown
                 error = rms(residual(joint))
                 notes.append(growth_text(self.context.joints, j, joint.tree.n_subtrees, leaf))
-            joint.silent = self.base is not None and error > CLEARLY * rms(y_held_out)
+            joint.silent = self.base is not None and error > CLEARLY * rms(test_y[:, j])
             if len(old) == 0:
                 joint.gram[:] = 0.0
         return notes
@@ -278,14 +260,3 @@ class LeastSquaresLearner:
                 fit.solve(weight * moment_old + moment_new)
                 residuals[k, j] = rms(new_y[:, j] - fit.tree.predict(new_data.inputs))
         return residuals[0], residuals[1]
-
-    def _calibrate(self, before: Self, samples: TrainingSamples) -> None:
-        """Measure how good the predictions of the learner before were, and how well this one fits."""
-        step = max(1, len(samples.actual) // 500)
-        inputs, offset = samples.actual[::step], samples.offset_rad[::step]
-        trust = self._trust(samples.certain[::step])
-        if before.trials_learned:
-            error = offset - before.predict(inputs)
-            self._calibration = before._calibration.tested(error, before.leverage(inputs), trust)
-        residual = offset - self.predict(inputs)
-        self._calibration = self._calibration.fitted(residual, self.leverage(inputs), trust)

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.experience import Calibration
+from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
 from tel_ros.core.learning.learner import (
     LearnerContext,
     StoredLearner,
@@ -22,15 +22,14 @@ from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray
 
 
-class LmsLearner:
+class LmsLearner(CalibratedLearner):
     """One LMS tree a joint; see :class:`~.learner.Learner`."""
 
     def __init__(self, context: LearnerContext) -> None:
-        self.context, self.trials_learned = context, 0
+        super().__init__(context)
         self._trees = new_trees(context)
         self._seen = [np.zeros_like(tree.weights) for tree in self._trees]
         """Σ ψ² of each weight: how often and how strongly it has been used in learning."""
-        self._calibration = Calibration.unknown(len(context.joints))
 
     @classmethod
     def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
@@ -41,12 +40,12 @@ class LmsLearner:
         learner._seen = [stored.arrays[f"seen_{j}"] for j in range(len(context.joints))]
         if any(s.shape != t.weights.shape for s, t in zip(learner._seen, learner._trees, strict=True)):
             raise ValueError("seen_… does not have the shape of the weights")
-        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         return learner
 
     def stored(self) -> StoredLearner:
         """Return everything that predictions and further training depend on."""
-        arrays = tree_arrays(self._trees) | self._calibration.arrays()
+        arrays = tree_arrays(self._trees) | self.calibration.arrays()
         arrays |= {f"seen_{j}": seen for j, seen in enumerate(self._seen)}
         return StoredLearner({"trials_learned": self.trials_learned}, arrays)
 
@@ -60,15 +59,12 @@ class LmsLearner:
         scaled = self.context.input_range.scale(inputs)
         return np.column_stack([tree.predict(scaled) for tree in self._trees])
 
-    def std(self, inputs: FloatArray) -> FloatArray:
-        """Return the standard deviation of the error [rad]. Shape (n, n_joints).
+    def leverage(self, inputs: FloatArray) -> FloatArray:
+        """Return the variance of the prediction in units of that of a sample. Shape (n, n_joints).
 
         LMS has no covariance of its weights; a diagonal one, from how much each weight has been used, takes
         its place (ours).
         """
-        return self._calibration.std(self._leverage(inputs))
-
-    def _leverage(self, inputs: FloatArray) -> FloatArray:
         scaled = self.context.input_range.scale(inputs)
         columns = []
         for tree, seen in zip(self._trees, self._seen, strict=True):
@@ -92,7 +88,7 @@ class LmsLearner:
         learning = self.context.learning
         rng = np.random.default_rng([self.context.seed, self.trials_learned])
         inputs, targets = training_pair(mode, samples, self.predict)
-        scaled = np.ascontiguousarray(self.context.input_range.scale(inputs))
+        scaled = self.context.input_range.scale(inputs)
         orders = [rng.permutation(len(scaled)) for _ in range(learning.passes)]
         grown: list[str] = []
         for j, (joint, tree) in enumerate(zip(self.context.joints, learner._trees, strict=True)):
@@ -103,19 +99,15 @@ class LmsLearner:
                 raise TrainingError(f"the weights of {joint} did not stay finite; the network is unchanged")
             grown += learner._grow(j, tree, variance)
             learner._seen[j] += np.sum(tree.features(scaled) ** 2, axis=0).reshape(tree.weights.shape)
-        if self.trials_learned:
-            error = samples.offset_rad - self.predict(samples.actual)
-            learner._calibration = self._calibration.tested(error, self._leverage(samples.actual))
-        residual = samples.offset_rad - learner.predict(samples.actual)
-        learner._calibration = learner._calibration.fitted(residual, learner._leverage(samples.actual))
+        learner._calibrate(self, samples.actual, samples.offset_rad)
         return learner, outcome(self, learner, samples, tuple(grown))
 
     def _grow(self, joint: int, tree: LmsTree, change_variance: FloatArray) -> list[str]:
         grown, learning = [], self.context.learning
+        empty = np.zeros((1, *change_variance.shape[1:]))
         for _ in range(min(learning.growth_per_trial, learning.max_subtrees - tree.n_subtrees)):
             leaf = tree.most_pulled_leaf(change_variance)
             tree.grow(leaf)
-            empty = np.zeros((1, *change_variance.shape[1:]))
             change_variance = np.concatenate([change_variance, empty])
             self._seen[joint] = np.concatenate([self._seen[joint], empty])
             grown.append(growth_text(self.context.joints, joint, tree.n_subtrees, leaf))

@@ -55,15 +55,13 @@ class LmsTree:
 
     def features(self, inputs: FloatArray) -> FloatArray:
         """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * G) for inputs of shape (n, D)."""
-        return tree_kernels.features(
-            np.ascontiguousarray(inputs), self.parents, self.n_gaussians, self._sigma, self.normalised
-        )
+        form = (self.parents, self.n_gaussians, self._sigma, self.normalised)
+        return tree_kernels.features(np.ascontiguousarray(inputs), *form)
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return N(x). Input shape (n, D) in 0 … 1, output shape (n,)."""
-        return tree_kernels.predict(
-            np.ascontiguousarray(inputs), self.parents, self.weights, self._sigma, self.normalised
-        )
+        form = (self.parents, self.weights, self._sigma, self.normalised)
+        return tree_kernels.predict(np.ascontiguousarray(inputs), *form)
 
     def grow(self, leaf: Leaf) -> None:
         """Hang a new subtree with zero weights under a leaf; the output does not change."""
@@ -71,13 +69,10 @@ class LmsTree:
         self.weights = np.concatenate([self.weights, np.zeros((1, self.n_inputs, self.n_gaussians))])
 
     def most_pulled_leaf(self, change_variance: FloatArray) -> Leaf:
-        """Return the leaf without a subtree whose weight changes varied most.
+        """Return the leaf without a subtree whose weight changes varied most; shape of ``weights``.
 
         A weight that keeps being pulled in different directions depends on another input as well: there the
         tree has to grow.
-
-        Args:
-            change_variance: variance of each weight's changes over a trial. Shape of ``weights``.
         """
         variance = change_variance.copy()
         variance[tuple(self.parents.T)] = -1.0
@@ -87,12 +82,8 @@ class LmsTree:
     def change_variance(self, inputs: FloatArray, residual: FloatArray) -> FloatArray:
         """Return how much LMS would pull each weight to and fro, had it found these weights itself.
 
-        Args:
-            inputs: in 0 … 1. Shape (n, D).
-            residual: target minus output. Shape (n,).
-
-        Returns:
-            Variance of Δw = e ψ / |ψ|². Shape of ``weights``.
+        That is the variance of Δw = e ψ / |ψ|² with the residual e, target minus output, of shape (n,) at
+        inputs of shape (n, D). Shape of ``weights``.
         """
         psi = self.features(inputs)
         pull = residual / (1e-9 + np.einsum("ij,ij->i", psi, psi))
@@ -114,19 +105,10 @@ class LmsTree:
         Returns:
             Variance of each weight's changes over the samples. Shape of ``weights``.
         """
-        weights = self.weights.copy()
-        variance = tree_kernels.lms_pass(
-            np.ascontiguousarray(inputs),
-            np.ascontiguousarray(target),
-            np.arange(len(inputs)) if order is None else order,
-            self.parents,
-            weights,
-            self._sigma,
-            self.normalised,
-            rate,
-        )
-        self.weights = weights
-        return variance
+        order = np.arange(len(inputs)) if order is None else order
+        self.weights = self.weights.copy()
+        form = (order, self.parents, self.weights, self._sigma, self.normalised, rate)
+        return tree_kernels.lms_pass(np.ascontiguousarray(inputs), np.ascontiguousarray(target), *form)
 
 
 def new_trees(context: LearnerContext) -> list[LmsTree]:
@@ -141,18 +123,11 @@ def new_trees(context: LearnerContext) -> list[LmsTree]:
 
 def tree_arrays(trees: Sequence[LmsTree]) -> dict[str, np.ndarray]:
     """Return trees as arrays: ``weights_j`` (1 + subtrees, D, G) and ``parents_j`` (subtrees, 3)."""
-    arrays: dict[str, np.ndarray] = {}
-    for j, tree in enumerate(trees):
-        arrays[f"weights_{j}"], arrays[f"parents_{j}"] = tree.weights, tree.parents
-    return arrays
+    return {f"{name}_{j}": getattr(t, name) for j, t in enumerate(trees) for name in ("weights", "parents")}
 
 
 def restore_trees(context: LearnerContext, arrays: Mapping[str, np.ndarray]) -> list[LmsTree]:
-    """Return the trees in arrays.
-
-    Raises:
-        ValueError: they do not fit together.
-    """
+    """Return the trees in arrays; raise ValueError if they do not fit together."""
     trees = new_trees(context)
     for j, tree in enumerate(trees):
         for row in arrays[f"parents_{j}"]:

@@ -8,18 +8,19 @@ parameters are few, so that few samples are enough.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
 
 from tel_ros.core.errors import ConfigError
+from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
 from tel_ros.core.learning.experience import (
     CHANGED,
-    Calibration,
     SampleMemory,
     alternate_slices,
-    arm_has_changed,
     better_strength,
     counted,
     stuck_trust,
@@ -61,37 +62,33 @@ class RigidBodyRegressor:
     """
 
     def __init__(self, urdf: str, joints: Sequence[str]) -> None:
+        def refused(expected: str) -> ConfigError:
+            return ConfigError("name", "rigid_body", expected)
+
         try:
             import pinocchio
         except ImportError:
-            raise ConfigError(
-                "name", "rigid_body", "another learner, or Pinocchio installed (pip install pin)"
-            ) from None
-        self._pin: Any = pinocchio
+            raise refused("another learner, or Pinocchio installed (pip install pin)") from None
         try:
             whole = pinocchio.buildModelFromXML(urdf)
         except (ValueError, RuntimeError) as error:
-            raise ConfigError("name", "rigid_body", f"a URDF that Pinocchio reads ({error})") from None
+            raise refused(f"a URDF that Pinocchio reads ({error})") from None
         missing = [joint for joint in joints if not whole.existJointName(joint)]
         if missing:
-            raise ConfigError("name", "rigid_body", f"a URDF with the moving joints {', '.join(missing)}")
+            raise refused(f"a URDF with the moving joints {', '.join(missing)}")
         model = _reduced(pinocchio, whole, joints)
         if model.nq != len(joints) or model.nv != len(joints):
-            raise ConfigError("name", "rigid_body", "revolute or prismatic joints with one coordinate each")
-        self._model, self._data = model, model.createData()
+            raise refused("revolute or prismatic joints with one coordinate each")
+        self._regressor = partial(pinocchio.computeJointTorqueRegressor, model, model.createData())
         self._order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
-        self._in_order = bool(np.all(self._order == np.arange(len(joints))))
         self.n_joints = len(joints)
         self.n_parameters = _PER_LINK * (model.njoints - 1) + 2 * self.n_joints
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
         """Return Y for inputs of shape (n, 3 * n_joints). Shape (n, n_joints, n_parameters)."""
-        n, n_joints, inertial = len(inputs), self.n_joints, self.n_parameters - 2 * self.n_joints
-        result = np.zeros((n, n_joints, self.n_parameters))
-        q, v, a = self._coordinates(inputs)
-        compute, model, data = self._pin.computeJointTorqueRegressor, self._model, self._data
-        for k in range(n):
-            rows = compute(model, data, q[k], v[k], a[k]).reshape(n_joints, -1)
+        n_joints, inertial = self.n_joints, self.n_parameters - 2 * self.n_joints
+        result = np.zeros((len(inputs), n_joints, self.n_parameters))
+        for k, rows in enumerate(self._inertial(inputs)):
             result[k, :, :inertial] = rows[self._order]
         speed = inputs[:, n_joints : 2 * n_joints]
         joints = np.arange(n_joints)
@@ -102,18 +99,19 @@ class RigidBodyRegressor:
     def torque(self, inputs: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return Y π, without making all of Y. Shape (n, n_joints)."""
         n_joints = self.n_joints
-        inertial, viscous = parameters[: -2 * n_joints], parameters[-2 * n_joints : -n_joints]
-        coulomb = parameters[-n_joints:]
-        q, v, a = self._coordinates(inputs)
-        compute, model, data = self._pin.computeJointTorqueRegressor, self._model, self._data
+        inertial, viscous, coulomb = np.split(parameters, [-2 * n_joints, -n_joints])
         result = np.empty((len(inputs), n_joints))
-        for k in range(len(inputs)):
-            result[k] = compute(model, data, q[k], v[k], a[k]).reshape(n_joints, -1) @ inertial
-        if not self._in_order:
-            result = result[:, self._order]
+        for k, rows in enumerate(self._inertial(inputs)):
+            result[k] = (rows @ inertial)[self._order]
         speed = inputs[:, n_joints : 2 * n_joints]
         result += viscous * speed + coulomb * np.tanh(speed / COULOMB_SPEED_RAD_S)
         return result
+
+    def _inertial(self, inputs: FloatArray) -> Iterator[FloatArray]:
+        """Yield Y without friction of each sample, rows in the order of the model."""
+        back = np.argsort(self._order)
+        for q, v, a in zip(*(part[:, back] for part in np.split(inputs, 3, axis=1)), strict=True):
+            yield self._regressor(q, v, a).reshape(self.n_joints, -1)
 
     def acceleration_slope(self, inputs: FloatArray, joint: int) -> FloatArray:
         """Return ∂Y / ∂q̈ of one joint, in which Y is linear. Shape (n, n_joints, n_parameters)."""
@@ -122,14 +120,6 @@ class RigidBodyRegressor:
         pushed = at_rest.copy()
         pushed[:, 2 * self.n_joints + joint] = 1.0
         return self(pushed) - self(at_rest)
-
-    def _coordinates(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q, q̇, q̈ in the order of the model."""
-        q, v, a = np.split(inputs, 3, axis=1)
-        if self._in_order:
-            return q, v, a
-        back = np.argsort(self._order)
-        return q[:, back], v[:, back], a[:, back]
 
 
 def inertia_matrix(urdf: str, joints: Sequence[str], position_rad: FloatArray) -> FloatArray | None:
@@ -160,7 +150,7 @@ def _reduced(pinocchio: Any, whole: Any, joints: Sequence[str]) -> Any:
     return pinocchio.buildReducedModel(whole, others, pinocchio.neutral(whole)) if others else whole
 
 
-class RigidBodyLearner:
+class RigidBodyLearner(CalibratedLearner):
     """The arm as rigid links with friction: u - q = K⁻¹ (B q̇ + Y π), linear in its parameters π.
 
     The normal equations are those of all trials; a ridge in units of each parameter's own effect suppresses
@@ -172,9 +162,7 @@ class RigidBodyLearner:
     """
 
     def __init__(self, context: LearnerContext) -> None:
-        self.context, self.trials_learned = context, 0
-        self.changed = False
-        """Whether the latest trial could not be explained together with the earlier ones."""
+        super().__init__(context)
         self.stuck_trust = np.ones(len(context.joints))
         """How far samples of the latest trial were believed whose joint may stick. Shape (n_joints,)."""
         self._regressor = RigidBodyRegressor(context.urdf, context.joints)
@@ -184,7 +172,6 @@ class RigidBodyLearner:
         self._equations = NormalEquations.empty(n)
         self._strength = _FIRST_STRENGTH
         self._parameters = np.zeros(n)
-        self._calibration = Calibration.unknown(len(context.joints))
 
     @classmethod
     def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
@@ -201,14 +188,14 @@ class RigidBodyLearner:
                 raise ValueError(f"{name} has shape {stored.arrays[name].shape}; expected {shape}")
         *equations, learner._parameters = (stored.arrays[name] for name in shapes)
         learner._equations = NormalEquations(*equations)
-        learner._calibration = Calibration.restored(stored.arrays, len(context.joints))
+        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         return learner
 
     def stored(self) -> StoredLearner:
         """Return everything that predictions and further training depend on."""
         header = {"trials_learned": self.trials_learned, "prior_strength": self._strength}
         arrays = vars(self._equations) | {"parameters": self._parameters}
-        return StoredLearner(header, arrays | self._calibration.arrays())
+        return StoredLearner(header, arrays | self.calibration.arrays())
 
     @property
     def subtrees(self) -> tuple[int, ...]:
@@ -223,10 +210,6 @@ class RigidBodyLearner:
         torque_nm += self._damping * inputs[:, len(self._damping) : 2 * len(self._damping)]
         torque_nm /= self._stiffness
         return torque_nm
-
-    def std(self, inputs: FloatArray) -> FloatArray:
-        """Return the standard deviation of the error [rad]. Shape (n, n_joints)."""
-        return self._calibration.std(self.leverage(inputs))
 
     @on_one_thread
     def leverage(self, inputs: FloatArray) -> FloatArray:
@@ -249,30 +232,21 @@ class RigidBodyLearner:
         new = SampleMemory.of_trial(samples, *training_pair(mode, samples, self.predict), self.trials_learned)
         learner = copy.copy(self)
         learner.trials_learned += 1
-        learner.changed = False
         old = self._equations.scaled(learning.forgetting)
         sliding = samples.certain[:: thinning(samples)]
         learner.stuck_trust = self._stuck_trust(old, new, sliding)
-        new = new.trusted(np.where(sliding, 1.0, learner.stuck_trust))
+        new = replace(new, trust=np.where(sliding, 1.0, learner.stuck_trust))
         added = self._equations_of(new)
-        if learning.detect_change and self.trials_learned:
-            error, std = counted(new.targets_rad - self.predict(new.inputs), new.trust), self.std(new.inputs)
-            usual = np.sqrt(self._calibration.residual_rad2)
-            learner.changed = arm_has_changed(error, std, usual, lambda: self._residuals(old, added, new))
-        if learner.changed:
+        changed = self._is_contradicted(new, lambda: self._residuals(old, added, new))
+        if changed:
             old = NormalEquations.empty(len(added.moment))
             learner._strength = _FIRST_STRENGTH
         else:
             learner._strength = self._best_strength(old, new)
         learner._equations = old + added
         learner._parameters = learner._equations.solution(learner._strength)
-        if self.trials_learned:
-            error = new.targets_rad - self.predict(new.inputs)
-            learner._calibration = self._calibration.tested(error, self.leverage(new.inputs), new.trust)
-        fitted = new.targets_rad - learner.predict(new.inputs)
-        learner._calibration = learner._calibration.fitted(fitted, learner.leverage(new.inputs), new.trust)
-        notes = (CHANGED,) if learner.changed else ()
-        return learner, outcome(self, learner, samples, notes)
+        learner._calibrate(self, new.inputs, new.targets_rad, new.trust)
+        return learner, outcome(self, learner, samples, (CHANGED,) if changed else ())
 
     def _rows(self, inputs: FloatArray) -> FloatArray:
         """Return Y in units of the output, rad. Shape (n, n_joints, n_parameters)."""
@@ -304,7 +278,7 @@ class RigidBodyLearner:
 
     def _stuck_trust(self, old: NormalEquations, new: SampleMemory, sliding: BoolArray) -> FloatArray:
         """Return how far to believe samples whose joint may stick, judged by a fit that does without them."""
-        certain = old + self._equations_of(new.trusted(sliding.astype(np.float64)))
+        certain = old + self._equations_of(replace(new, trust=sliding.astype(np.float64)))
         parameters = certain.solution(self._strength)
         residual = self._wanted(new) - self._rows(new.inputs) @ parameters
         return stuck_trust(residual, sliding, parameters[-len(self._stiffness) :] / self._stiffness)

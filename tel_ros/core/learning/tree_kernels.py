@@ -73,6 +73,20 @@ def features(
     return psi
 
 
+@njit("f8(f8[:, :, ::1], f8[:, ::1], f8[::1])", cache=True)
+def _output(weights: FloatArray, phi: FloatArray, gates: FloatArray) -> float:
+    """Return N(x) = Σ_k g_k Σ_d,i w_k,d,i φ_d,i."""
+    n_subtrees, n_inputs, n_gaussians = weights.shape
+    output = 0.0
+    for k in range(n_subtrees):
+        within = 0.0
+        for d in range(n_inputs):
+            for i in range(n_gaussians):
+                within += weights[k, d, i] * phi[d, i]
+        output += gates[k] * within
+    return output
+
+
 @njit("f8[::1](f8[:, ::1], i8[:, ::1], f8[:, :, ::1], f8, b1)", cache=True)
 def predict(
     inputs: FloatArray, parents: IntArray, weights: FloatArray, sigma: float, normalised: bool
@@ -85,14 +99,7 @@ def predict(
     for row in range(n):
         _activate(inputs[row], sigma, normalised, phi)
         _open_gates(phi, parents, gates)
-        output = 0.0
-        for k in range(n_subtrees):
-            within = 0.0
-            for d in range(n_inputs):
-                for i in range(n_gaussians):
-                    within += weights[k, d, i] * phi[d, i]
-            output += gates[k] * within
-        result[row] = output
+        result[row] = _output(weights, phi, gates)
     return result
 
 
@@ -124,15 +131,10 @@ def lms_pass(
         for d in range(n_inputs):
             for i in range(n_gaussians):
                 power += phi[d, i] * phi[d, i]
-        output, opened = 0.0, 0.0
+        opened = 0.0
         for k in range(n_subtrees):
-            within = 0.0
-            for d in range(n_inputs):
-                for i in range(n_gaussians):
-                    within += weights[k, d, i] * phi[d, i]
-            output += gates[k] * within
             opened += gates[k] * gates[k]
-        step = rate * (target[row] - output) / (_TINY + opened * power)
+        step = rate * (target[row] - _output(weights, phi, gates)) / (_TINY + opened * power)
         for k in range(n_subtrees):
             for d in range(n_inputs):
                 for i in range(n_gaussians):

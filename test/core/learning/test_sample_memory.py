@@ -81,14 +81,6 @@ def test_rows_are_taken_from_all_columns() -> None:
     np.testing.assert_array_equal(some.targets_rad, memory.targets_rad[[1, 4]])
 
 
-def test_discounting_changes_weights_alone_and_leaves_the_old_memory() -> None:
-    memory = of_trials(3, 2)
-    less = memory.discounted(0.5).discounted(0.5)
-    np.testing.assert_array_equal(less.weight, 0.25)
-    np.testing.assert_array_equal(memory.weight, 1.0)
-    np.testing.assert_array_equal(less.inputs, memory.inputs)
-
-
 def test_a_memory_that_is_not_too_long_stays_the_same() -> None:
     memory = of_trials(3, 2)
     assert memory.bounded(5) is memory
@@ -137,7 +129,8 @@ def test_what_is_left_of_a_trial_is_spread_over_all_of_it() -> None:
 
 
 def test_it_comes_back_from_its_arrays() -> None:
-    memory = of_trials(6, 4).discounted(0.3).bounded(8)
+    memory = of_trials(6, 4)
+    memory = dataclasses.replace(memory, weight=0.3 * memory.weight).bounded(8)
     back = SampleMemory.restored(memory.arrays(), 2)
     for field in dataclasses.fields(SampleMemory):
         np.testing.assert_array_equal(getattr(back, field.name), getattr(memory, field.name))
@@ -157,7 +150,7 @@ def test_arrays_that_do_not_fit_together_are_refused(name: str, damage: str) -> 
 
 
 def half_trusted(n: int) -> SampleMemory:
-    return of_trial(0, n).trusted(np.linspace(0.1, 1.0, 2 * n).reshape(n, 2))
+    return dataclasses.replace(of_trial(0, n), trust=np.linspace(0.1, 1.0, 2 * n).reshape(n, 2))
 
 
 def test_trust_goes_with_its_samples() -> None:
