@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BROADCASTER = "joint_state_broadcaster"
 CONTROLLERS = {"effort": "effort_controller", "position": "position_controller"}
-"""Name of the controller for each command interface; with it, the topic is that of docs/architecture.md."""
+"""Name of the controller for each command interface; with it, the topic is that of docs/arm-contract.md."""
 PATTERNS = {"effort": "controllers.yaml", "position": "controllers_position.yaml"}
 """Files in config/ros2_control."""
 
