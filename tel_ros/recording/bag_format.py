@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Connection,
@@ -80,13 +81,9 @@ def _value(kind: Any, value: Any) -> Any:
 
 
 def offered_qos(topic: str, *, latched: bool = False) -> Qos:
-    """Return the quality of service for playing a topic of a trial.
+    """Return the quality of service for playing a topic of a trial: reliable, as it was published.
 
-    Reliable, as it was published. What a trial has once is for whoever comes late as well.
-
-    Args:
-        topic: its name.
-        latched: whether that holds for this one, too.
+    What a trial has once is latched in any case.
     """
     once = latched or any(topics.is_named(topic, name) for name in topics.RECORDED_ONCE)
     return Qos(
@@ -102,12 +99,30 @@ def offered_qos(topic: str, *, latched: bool = False) -> Qos:
     )
 
 
+def bag_information(bag: Path) -> dict[str, Any]:
+    """Return what ``metadata.yaml`` says; raises whatever a damaged file makes the libraries raise."""
+    text = (bag / METADATA_FILE).read_text(encoding="utf-8")
+    information: dict[str, Any] = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    return information
+
+
+def all_messages(bag: Path, reader: AnyReader, connections: Sequence[Connection]) -> list[tuple[int, Any]]:
+    """Return time [ns] and content of the messages of one topic; BagError if not all announced ones come."""
+    found = [
+        (time_ns, reader.deserialize(raw, c.msgtype)) for c, time_ns, raw in reader.messages(connections)
+    ]
+    announced = sum(connection.msgcount for connection in connections)
+    if len(found) != announced:
+        what = f"yields {len(found)} messages of {connections[0].topic}"
+        raise BagError(bag, what, f"the {announced} that it announces")
+    return found
+
+
 @contextmanager
 def open_any_bag(bag: Path) -> Iterator[AnyReader]:
-    """Open a bag. Types that it does not define are those of ROS 2 Jazzy and our own.
+    """Open a bag; BagError if it is not there, was never closed, or cannot be read.
 
-    Raises:
-        BagError: it is not there, was never closed, or cannot be read.
+    Types that it does not define are those of ROS 2 Jazzy and our own.
     """
     if not bag.exists():
         raise BagError(bag, "there is no such bag", _EXPECTED)
@@ -136,11 +151,7 @@ def reading(bag: Path, expected: str = _EXPECTED) -> Iterator[None]:
 
 
 def is_latched(connection: Connection) -> bool:
-    """Return whether a topic's newest message is to reach who comes late.
-
-    That is how it was offered, where the bag tells; a single message in a whole bag would otherwise be missed
-    by everybody who was not there at that moment.
-    """
+    """Return whether late joiners are to get a topic's newest message: as offered, or if it has only one."""
     if isinstance(connection.ext, ConnectionExtRosbag1):
         return connection.msgcount == 1 or bool(connection.ext.latching)
     offered = [qos.durability for qos in connection.ext.offered_qos_profiles]

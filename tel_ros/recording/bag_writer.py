@@ -59,19 +59,13 @@ class BagWriter:
     The bag grows under ``.unfinished`` and gets its name only when it is closed: a bag under its own name is
     whole. A crash of this process or of the machine costs at most the last ``chunk_s`` of messages.
 
-    Args:
-        bag: folder of the bag.
-        metadata: stored with the bag as custom data.
-        recording: format, and how much a crash may cost.
-
-    Raises:
-        BagError: the bag or an unfinished one of that name exists, or the folder cannot be written.
+    Raises BagError if the bag or an unfinished one of that name exists, or the folder cannot be written.
     """
 
     def __init__(
         self, bag: Path, metadata: Mapping[str, str], recording: RecordingConfig | None = None
     ) -> None:
-        recording = RecordingConfig() if recording is None else recording
+        recording = recording or RecordingConfig()
         self.bag = bag
         self._staging = bag.parent / UNFINISHED / bag.name
         if bag.exists():
@@ -100,14 +94,7 @@ class BagWriter:
         self._disk_refused = False
 
     def add_topic(self, topic: str, kind: str, store: Typestore, offered: Sequence[Qos] = ()) -> None:
-        """Announce a topic.
-
-        Args:
-            topic: its name.
-            kind: name of its type.
-            store: has the definition of its type, which goes into the bag.
-            offered: how it was published, for those who play it.
-        """
+        """Announce a topic; ``store`` has the definition of its type, ``offered`` says how to play it."""
         self._connections[topic] = self._writer.add_connection(
             topic, kind, typestore=store, offered_qos_profiles=offered
         )
@@ -122,25 +109,39 @@ class BagWriter:
                 self._chunk_began_ns = time_ns
             # A clock that has jumped back ends a chunk, too.
             elif abs(time_ns - self._chunk_began_ns) >= self._chunk_ns:
-                self._flush()
+                self.flush()
         except _DISK_ERRORS as error:
             raise self._disk_error("cannot be written", error) from error
 
     def flush(self) -> None:
-        """Bring everything that has been written to the disk; raise a BagError if it is not taken."""
+        """End the chunk (MCAP) or the transaction (sqlite3) and wait until it is on the disk.
+
+        rosbags does the former by itself after a megabyte, the latter only at the end. Raises BagError if the
+        disk does not take it.
+        """
+        storage = self._writer.storage
         try:
-            self._flush()
+            if isinstance(storage, McapWriter):
+                if storage.chunk.bio.tell():
+                    storage.close_chunk()
+                storage.bio.flush()
+                os.fdatasync(storage.bio.fileno())
+            elif isinstance(storage, Sqlite3Writer):
+                storage.conn.commit()  # which waits for the disk: sqlite's default
+            self._chunk_began_ns = None
         except _DISK_ERRORS as error:
             raise self._disk_error("cannot be written", error) from error
 
     def close(self) -> None:
         """Finish the bag and let it appear under its name.
 
-        Raises:
-            BagError: the disk did not take it; what there is stays in the folder of unfinished bags.
+        Raises BagError if the disk does not take it; what there is stays in the folder of unfinished bags.
         """
+        storage = self._writer.storage
+        if storage is None:
+            raise BagError(self.bag, "is closed already", "a bag that is open")
         try:
-            data = self._data_file()
+            data = storage.path
             self._writer.close()
             (self._staging / CHECKSUMS).write_text(f"{sha256(data)}  {data.name}\n", encoding="utf-8")
             for path in (*self._staging.iterdir(), self._staging):
@@ -180,27 +181,6 @@ class BagWriter:
         else:
             self.abandon()
 
-    def _data_file(self) -> Path:
-        storage = self._writer.storage
-        if storage is None:
-            raise BagError(self.bag, "is closed already", "a bag that is open")
-        return storage.path
-
-    def _flush(self) -> None:
-        """End the chunk (MCAP) or the transaction (sqlite3) and wait until it is on the disk.
-
-        rosbags does the former by itself after a megabyte, the latter only at the end.
-        """
-        storage = self._writer.storage
-        if isinstance(storage, McapWriter):
-            if storage.chunk.bio.tell():
-                storage.close_chunk()
-            storage.bio.flush()
-            os.fdatasync(storage.bio.fileno())
-        elif isinstance(storage, Sqlite3Writer):
-            storage.conn.commit()  # which waits for the disk: sqlite's default
-        self._chunk_began_ns = None
-
     def _disk_error(self, what: str, error: Exception) -> BagError:
         self._disk_refused = True
         found = f"{what} ({error}; {free_mb(self._staging):.0f} MB are free there)"
@@ -208,14 +188,7 @@ class BagWriter:
 
 
 class TrialBagWriter(BagWriter):
-    """Writes the bag of a trial: its topics (names as in :mod:`topics`) and their types are known.
-
-    Args:
-        bag: folder of the bag.
-        metadata: stored with the bag as custom data.
-        recording: format, and how much a crash may cost.
-        namespace: put in front of the topics in the bag.
-    """
+    """Writes the bag of a trial, whose topics are those of :mod:`topics`, in a namespace."""
 
     def __init__(
         self,

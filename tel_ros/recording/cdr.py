@@ -26,6 +26,11 @@ _HEADER_BYTES = 4
 _MOST_NAMES, _MOST_VALUES, _LONGEST_TEXT = 256, 4096, 4096
 
 
+def time_ns(stamp: Any) -> int:
+    """Return a time or duration, as a message or read from a bag, in nanoseconds."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
 class JointStateNumbers(NamedTuple):
     """What a joint state says."""
 
@@ -53,14 +58,8 @@ class _Layout:
     """The layout of a little-endian message: which fields stay, and where those are that change.
 
     It is described field by field. With the bytes of a message, lengths and texts that stay are read from
-    these instead of taken from the description.
-
-    Args:
-        raw: the message, if there is one.
-
-    Raises:
-        ValueError: the message has another encoding, a length that cannot be, or ends before its end.
-        struct.error: it ends before its end.
+    these instead of taken from the description; ValueError or struct.error if the bytes cannot be such a
+    message.
     """
 
     def __init__(self, raw: bytes | None = None) -> None:
@@ -78,6 +77,12 @@ class _Layout:
             self._text += f"{-self._end % size}x{count}{code}"
             self._end += -self._end % size + count * size
         self._template += [0] * count
+
+    def header(self, frame_id: str) -> None:
+        """Add a ``std_msgs/Header``."""
+        self.changing("i")
+        self.changing("I")
+        self.text(frame_id)
 
     def length(self, value: int, most: int) -> int:
         """Add a length that stays, and return it."""
@@ -135,11 +140,7 @@ class _Layout:
         return [fields[place] for place in self._changing]
 
     def pack(self, *changing: Sequence[Any]) -> bytes:
-        """Return a message.
-
-        Raises:
-            struct.error: another number of values than the layout has.
-        """
+        """Return a message; struct.error if there is another number of values than the layout has."""
         fields: list[Any] = []
         for before, values in zip(self._before, changing, strict=True):
             fields += before
@@ -154,7 +155,7 @@ class JointStateLayout(_Layout):
         names: of the joints.
         lengths: of position, velocity and effort.
         frame_id: of the header.
-        raw: as for the base class.
+        raw: a message to take all of these from.
     """
 
     def __init__(
@@ -165,9 +166,7 @@ class JointStateLayout(_Layout):
         raw: bytes | None = None,
     ) -> None:
         super().__init__(raw)
-        self.changing("i")
-        self.changing("I")
-        self.text(frame_id)
+        self.header(frame_id)
         n = self.length(len(names), _MOST_NAMES)
         self.names = tuple(self.text(names[k] if raw is None else "") for k in range(n))
         for length in lengths:
@@ -194,7 +193,7 @@ class CommandLayout(_Layout):
     Args:
         n_values: length of the data.
         label: any of that length; None: there is no dimension.
-        raw: as for the base class.
+        raw: a message to take both from.
     """
 
     def __init__(self, n_values: int = 0, label: str | None = None, raw: bytes | None = None) -> None:
@@ -235,17 +234,11 @@ def packed_command(label: str, values: FloatArray) -> bytes:
 
 
 class ControlStateLayout(_Layout):
-    """``tel_interfaces/ControlState`` of one arm.
-
-    Args:
-        n_joints: length of all its arrays.
-    """
+    """``tel_interfaces/ControlState`` of one arm."""
 
     def __init__(self, n_joints: int) -> None:
         super().__init__()
-        self.changing("i")
-        self.changing("I")
-        self.text("")
+        self.header("")
         for code in "IBd":  # trial, phase, time_from_start_s
             self.changing(code)
         for _ in range(7):
@@ -290,11 +283,7 @@ class MessageReader(Generic[_Numbers]):
         self._layout: Any = None
 
     def read(self, raw: bytes) -> _Numbers:
-        """Return what a message says.
-
-        Raises:
-            StateError: the bytes are no such message.
-        """
+        """Return what a message says; StateError if the bytes are no such message."""
         numbers: _Numbers | None = self._layout.read(raw) if self._layout is not None else None
         if numbers is None:
             try:
@@ -307,13 +296,13 @@ class MessageReader(Generic[_Numbers]):
 
 def header_stamp_ns(serialised: bytes) -> int:
     """Return the stamp of a serialised message that begins with a header."""
-    seconds, nanoseconds = _order(serialised)[0].unpack_from(serialised, _HEADER_BYTES)
+    seconds, nanoseconds = _ORDERS[serialised[1] & 1][0].unpack_from(serialised, _HEADER_BYTES)
     return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def trial_index(serialised: bytes) -> int:
     """Return the trial that a serialised control state belongs to: the number behind its header."""
-    number = _order(serialised)[1]
+    number = _ORDERS[serialised[1] & 1][1]
     (frame_id_length,) = number.unpack_from(serialised, _HEADER_BYTES + 8)
     (index,) = number.unpack_from(serialised, _aligned(_HEADER_BYTES + 12 + frame_id_length))
     return int(index)
@@ -324,7 +313,7 @@ def answered_ns(serialised: bytes) -> int | None:
 
     It is the label of a dimension, in decimal digits; None if the command does not say.
     """
-    number = _order(serialised)[1]
+    number = _ORDERS[serialised[1] & 1][1]
     (n_dimensions,) = number.unpack_from(serialised, _HEADER_BYTES)
     place = _HEADER_BYTES + 4
     for _ in range(n_dimensions):
@@ -336,12 +325,9 @@ def answered_ns(serialised: bytes) -> int | None:
     return None
 
 
-# Stamp and number, little-endian and big-endian. Made once: the module would look each up by its text.
+# Stamp and number by the message's second byte: big-endian, little-endian. Made once: the module would look
+# each up by its text.
 _ORDERS = [(struct.Struct(f"{order}iI"), struct.Struct(f"{order}I")) for order in "><"]
-
-
-def _order(serialised: bytes) -> tuple[struct.Struct, struct.Struct]:
-    return _ORDERS[serialised[1] & 1]
 
 
 def _aligned(place: int) -> int:

@@ -1,8 +1,7 @@
 """Reading a practice run's YAML into records that check themselves, and writing it back.
 
-Structure and types are checked here; which values make sense is declared by the records in
-:mod:`tel_ros.core.config`. Every complaint names the file or option, the key, the value and what was
-expected.
+Which values make sense is declared by the records in :mod:`tel_ros.core.config`. Every complaint names the
+file or option, the key, the value and what was expected.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from tel_ros.core.config import Config, file_keys
 from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.practice.strategies import require_strategy
-from tel_ros.recording.shared_files import config_folder, named_file
+from tel_ros.recording.shared_files import named_file
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
 
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
@@ -32,11 +31,6 @@ _REPLACES = {
     "path.known_name": "known_file",
 }
 """Options that take the place of another key of their section."""
-
-
-def default_config_file() -> Path:
-    """Return the paper's protocol, as it lies in a checkout or as it was installed."""
-    return config_folder() / "paper.yaml"
 
 
 def load_config(
@@ -94,11 +88,8 @@ def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ..
     Args:
         config: the configuration.
         overrides: as for :func:`load_config`.
-        keys: which may be given: sections, or single keys.
-        source: where the other values come from, for messages.
-
-    Raises:
-        ConfigError: a key is unknown or not to be given, or a value is wrong.
+        keys: sections or single keys that may be given; others are refused (ConfigError).
+        source: where all other values come from, for messages.
     """
     overrides = list(overrides)
     for assignment in overrides:
@@ -111,14 +102,9 @@ def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ..
 
 
 def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) -> Config:
-    """Check nested plain values and return them as a configuration.
+    """Check nested plain values and return them as a configuration; ConfigError if something is wrong.
 
-    Args:
-        raw: as read from YAML.
-        source_of: from a dotted key to the file or option that it came from, for messages.
-
-    Raises:
-        ConfigError: a key is unknown, or a value is wrong.
+    ``source_of``: from a dotted key to the file or option that it came from, for messages.
     """
     return read_record(Config, _renamed(raw), source_of)
 
@@ -139,18 +125,14 @@ def flat_values(config: Config) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for section, values in to_plain(config).items():
         if isinstance(values, dict):
-            flat.update({f"{section}.{key}": value for key, value in values.items()})
+            flat |= {f"{section}.{key}": value for key, value in values.items()}
         else:
             flat[section] = values
     return flat
 
 
 def with_values(config: Config, values: Mapping[str, Any], source: str) -> Config:
-    """Return a configuration with other values for some dotted keys, checked like any other.
-
-    Raises:
-        ConfigError: a key is unknown, or a value is wrong.
-    """
+    """Return a configuration with other values for some dotted keys, checked like any other."""
     raw = to_plain(config)
     for key, value in values.items():
         _assign(raw, key, value, source)
@@ -162,11 +144,7 @@ def with_values(config: Config, values: Mapping[str, Any], source: str) -> Confi
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the keys and values in a file.
-
-    Raises:
-        InputFileError: it is missing or unreadable, or holds something else.
-    """
+    """Return the keys and values in a file; InputFileError if it is missing or holds something else."""
     if not path.is_file():
         raise InputFileError(path, "there is no such file", "a YAML file")
     try:

@@ -11,17 +11,12 @@ COMMANDS = "commands"
 
 
 def missing(stamps_ns: Mapping[str, Sequence[int]]) -> dict[str, int]:
-    """Return how many joint states and commands a recording of a trial lacks.
+    """Return how many joint states and commands (:data:`COMMANDS`) a recording of a trial lacks, if any.
 
     Each control state carries the stamp of the joint state that it answers, and so does the command that went
     out with it: a stamp without its counterpart is a message that was lost on the way. What came before the
     first message of a topic does not count, because the recording may have begun in between.
-
-    Args:
-        stamps_ns: of what was recorded, by topic; of control states only those of the trial.
-
-    Returns:
-        Numbers by topic, :data:`COMMANDS` for commands; only those above 0.
+    ``stamps_ns``: of what was recorded, by topic; of control states only those of the trial.
     """
     answered = stamps_ns.get(topics.CONTROL_STATES, ())
     commands = [stamp for topic in topics.RECORDED_COMMANDS for stamp in stamps_ns.get(topic, ())]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +15,16 @@ from rosbags.interfaces import Connection
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording.bag_format import open_any_bag, reading
-
-_JOINT_STATE = "sensor_msgs/msg/JointState"
+from tel_ros.recording.cdr import time_ns
+from tel_ros.recording.topics import JOINT_STATE
 
 
 @dataclass(frozen=True)
 class RecordedStates:
-    """Joint states, one row a message; NaN where a message does not tell.
+    """Joint states of a topic, one row a message and one column a joint; NaN where a message does not tell.
 
-    Args:
-        topic: that they come from.
-        joints: names, in the order in which they first appear.
-        time_s: since the first message, by the headers' stamps if these go forward, else by the time of
-            recording. Shape (n,).
-        position_rad: shape (n, n_joints).
-        velocity_rad_s: shape (n, n_joints).
-        effort_nm: shape (n, n_joints).
+    ``joints``: in the order in which they first appear. ``time_s``: since the first message, by the headers'
+    stamps if these go forward, else by the time of recording; shape (n,).
     """
 
     topic: str
@@ -41,11 +36,7 @@ class RecordedStates:
 
 
 def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
-    """Read all joint states of one topic.
-
-    Args:
-        bag: rosbag1 or rosbag2.
-        topic: empty: the only one of that type.
+    """Read all joint states of one topic; of the only one, if none is named.
 
     Raises:
         BagError: the bag cannot be read, has no such topic, or several to choose from.
@@ -54,16 +45,17 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
         connections = _connections(bag, reader, topic)
         messages: list[Any] = []
         recorded_ns: list[int] = []
-        for connection, time_ns, raw in reader.messages(connections):
+        for connection, moment_ns, raw in reader.messages(connections):
             messages.append(reader.deserialize(raw, connection.msgtype))
-            recorded_ns.append(time_ns)
+            recorded_ns.append(moment_ns)
         if not messages:
             raise BagError(bag, f"yields no message of {connections[0].topic}", "joint states")
     joints = tuple(dict.fromkeys(name for message in messages for name in message.name))
     if not joints:
         raise BagError(bag, f"names no joint in {connections[0].topic}", "joint states with names")
-    stamps_ns = [m.header.stamp.sec * NS_PER_S + m.header.stamp.nanosec for m in messages]
-    moments_ns = np.array(stamps_ns if _goes_forward(stamps_ns) else recorded_ns, dtype=np.int64)
+    stamps_ns = [time_ns(message.header.stamp) for message in messages]
+    goes_forward = all(later > earlier for earlier, later in pairwise(stamps_ns))
+    moments_ns = np.array(stamps_ns if goes_forward else recorded_ns, dtype=np.int64)
     return RecordedStates(
         connections[0].topic,
         joints,
@@ -75,7 +67,7 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
 
 
 def _connections(bag: Path, reader: AnyReader, topic: str) -> list[Connection]:
-    of_states = [c for c in reader.connections if c.msgtype == _JOINT_STATE and c.msgcount]
+    of_states = [c for c in reader.connections if c.msgtype == JOINT_STATE and c.msgcount]
     names = sorted({connection.topic for connection in of_states})
     listed = ", ".join(names) or "none"
     if topic and topic not in names:
@@ -83,10 +75,6 @@ def _connections(bag: Path, reader: AnyReader, topic: str) -> list[Connection]:
     if not topic and len(names) != 1:
         raise BagError(bag, f"has these topics of joint states: {listed}", "one, or the option --topic")
     return [connection for connection in of_states if connection.topic == (topic or names[0])]
-
-
-def _goes_forward(stamps_ns: Sequence[int]) -> bool:
-    return all(later > earlier for earlier, later in zip(stamps_ns, stamps_ns[1:], strict=False))
 
 
 def _field(messages: Sequence[Any], joints: tuple[str, ...], name: str) -> FloatArray:

@@ -28,12 +28,7 @@ _GIT_TIMEOUT_S = 5.0
 
 
 def stored_files(config: Config, trial: int) -> dict[str, str]:
-    """Return what to store with a trial: keys of bag metadata to contents.
-
-    Args:
-        config: of the run; the files that it names are read.
-        trial: index of the trial, from 1.
-    """
+    """Return the files that a configuration names, as keys of a trial's bag metadata to contents."""
     contents = {}
     for key, file in file_values(config).items():
         if not file_keys()[key].binary:
@@ -44,11 +39,7 @@ def stored_files(config: Config, trial: int) -> dict[str, str]:
 
 
 def stored_config(bag: Path, metadata: Mapping[str, str]) -> Config:
-    """Return the configuration that a bag was recorded with; its files are named as in the run's folder.
-
-    Raises:
-        BagError: the bag has none, or one that cannot be used.
-    """
+    """Return the configuration that a bag was recorded with; its files are named as in the run's folder."""
     try:
         return config_from(yaml.safe_load(metadata["config"]), lambda key: f"the configuration in {bag}")
     except KeyError:
@@ -59,26 +50,15 @@ def stored_config(bag: Path, metadata: Mapping[str, str]) -> Config:
 
 
 def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> str:
-    """Return the text of the URDF that a bag was recorded with.
-
-    Raises:
-        BagError: it is neither in the bag nor beside it.
-    """
+    """Return the text of the URDF that a bag was recorded with; BagError if not in the bag or beside it."""
     return _content(bag, metadata, stored_config(bag, metadata), "arm.urdf").decode("utf-8")
 
 
 def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Config:
     """Return the configuration of a bag with its files written into a folder, under absolute names.
 
-    Files that a bag of an earlier version does not hold are taken from the folder of its run.
-
-    Args:
-        bag: for messages, and to find the folder of its run.
-        metadata: of the bag.
-        folder: exists; gets the files.
-
-    Raises:
-        BagError: a file is neither in the bag nor beside it; the configuration cannot be used.
+    Files that a bag of an earlier version does not hold are taken from the folder of its run. BagError if one
+    is neither in the bag nor there, or the configuration cannot be used.
     """
     config = stored_config(bag, metadata)
     names = {}

@@ -7,7 +7,7 @@ import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -21,7 +21,7 @@ from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import offered_qos
+from tel_ros.recording.bag_format import METADATA_FILE, bag_information, offered_qos
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, BagWriter
 from tel_ros.recording.trial_bag import check_bag
 
@@ -35,20 +35,15 @@ _EXPECTED = "the folder of a recording that was never closed"
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved.
-
-    Args:
-        bag: folder of the new bag.
-        counts: messages in it by topic.
-        lost_bytes: of the data file, behind its last whole chunk (MCAP); of the journal (sqlite3), which
-            holds what a transaction that did not end has overwritten.
-        has_result: whether the trial had ended, and only the closing of its bag had not.
-    """
+    """What was saved: the folder of the new bag, and its messages by topic."""
 
     bag: Path
     counts: Mapping[str, int]
     lost_bytes: int
+    """Of the data file, behind its last whole chunk (MCAP); of the journal (sqlite3), which holds what a
+    transaction that did not end has overwritten."""
     has_result: bool
+    """Whether the trial had ended, and only the closing of its bag had not."""
 
 
 def recovered_name(unfinished: Path) -> Path:
@@ -100,20 +95,17 @@ def _data_file(unfinished: Path) -> tuple[Path, Literal["mcap", "sqlite3"]]:
 
 
 def _is_whole(bag: Path) -> bool:
-    try:
+    with suppress(BagError):
         check_bag(bag)
-    except BagError:
-        return False
-    return True
+        return True
+    return False
 
 
 def _custom_data(unfinished: Path) -> dict[str, str]:
     """Return what was to be stored beside the messages; nothing if that has not reached the disk."""
-    closed = unfinished / "metadata.yaml"
     try:
-        if closed.is_file():
-            closed_with = yaml.safe_load(closed.read_text(encoding="utf-8"))
-            data = closed_with["rosbag2_bagfile_information"]["custom_data"]
+        if (unfinished / METADATA_FILE).is_file():
+            data = bag_information(unfinished)["custom_data"]
         else:
             data = yaml.safe_load((unfinished / CUSTOM_DATA_FILE).read_text(encoding="utf-8"))
         return {str(key): str(value) for key, value in data.items()}

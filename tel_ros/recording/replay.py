@@ -22,7 +22,6 @@ PREFIX = "/replay"
 another prefix some name could become that of a topic that moves an arm."""
 STANDSTILL_S = 1.0
 """A replay that is later than this does not catch up: its schedule waits for it."""
-_JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +33,6 @@ class ReplayOptions:
         start_offset_s: where in the bag to begin.
         patterns: topics to play, as names or with ``*``, ``?`` and ``[…]``; empty: all.
         states_to_nodes: whether the recorded joint states get the name that live nodes listen to.
-
-    Raises:
-        ConfigError: a value that makes no sense.
     """
 
     rate: float = 1.0
@@ -53,13 +49,10 @@ class ReplayOptions:
 
 @dataclass(frozen=True)
 class ReplayedTopic:
-    """A topic of a bag, and what becomes of it.
+    """A topic of a bag, and the name under which it is published.
 
-    Args:
-        connection: in the bag.
-        name: under which it is published.
-        latched: whether who comes late still gets its newest message.
-        type_hash: of its type as the bag defines it (RIHS01); empty if nobody knows.
+    ``latched``: whether late joiners get its newest message. ``type_hash``: of its type as the bag defines it
+    (RIHS01); empty: unknown.
     """
 
     connection: Connection
@@ -70,11 +63,6 @@ class ReplayedTopic:
 
 class Replay:
     """A bag with what is to be played of it.
-
-    Args:
-        bag: for messages to people.
-        reader: of the open bag.
-        options: how to play.
 
     Raises:
         BagError: a bag of ROS 1, an empty one, one without a topic that was asked for, or, where joint states
@@ -98,7 +86,9 @@ class Replay:
         self.topics = tuple(
             ReplayedTopic(
                 connection,
-                topics.JOINT_STATES if connection is states else PREFIX + _absolute(connection.topic),
+                topics.JOINT_STATES
+                if connection is states
+                else topics.absolute(connection.topic.removeprefix("/"), PREFIX),
                 is_latched(connection),
                 type_hash(reader, connection),
             )
@@ -107,15 +97,10 @@ class Replay:
         """What is played."""
 
     def messages(self, played: Sequence[ReplayedTopic]) -> Iterator[tuple[ReplayedTopic, int, bytes]]:
-        """Yield topic, time in the bag in ns and serialised message, in the order of time.
+        """Yield topic, time in the bag in ns and serialised message of at least one topic, in order of time.
 
-        What is latched and older than the beginning comes at the beginning: it held there.
-
-        Args:
-            played: some of :attr:`topics`; at least one.
-
-        Raises:
-            BagError: the bag cannot be read on.
+        What is latched and older than the beginning comes at the beginning: it held there. Raises BagError if
+        the bag cannot be read on.
         """
         by_connection = {(t.connection.topic, t.connection.id): t for t in played}
         latched = [t.connection for t in played if t.latched]
@@ -130,10 +115,8 @@ class Replay:
 class ReplaySchedule:
     """When messages are due: absolute deadlines, so that delays do not add up.
 
-    Args:
-        rate: seconds of the bag in a second.
-        start_ns: time in the bag that is due at once.
-        now_s: the time, by any clock that only goes forward.
+    ``rate``: seconds of the bag in a second. ``start_ns``: time in the bag that is due at once. ``now_s``: by
+    any clock that only goes forward.
     """
 
     def __init__(self, rate: float, start_ns: int, now_s: float) -> None:
@@ -176,10 +159,6 @@ class ReplaySchedule:
             self.most_late_s = max(self.most_late_s, late_s)
 
 
-def _absolute(topic: str) -> str:
-    return topic if topic.startswith("/") else f"/{topic}"
-
-
 def _chosen(bag: Path, connections: Sequence[Connection], patterns: Sequence[str]) -> list[Connection]:
     names = sorted({connection.topic for connection in connections})
     if not names:
@@ -191,7 +170,7 @@ def _chosen(bag: Path, connections: Sequence[Connection], patterns: Sequence[str
 
 
 def _states(bag: Path, chosen: Sequence[Connection]) -> Connection:
-    found = [connection for connection in chosen if connection.msgtype == _JOINT_STATE]
+    found = [connection for connection in chosen if connection.msgtype == topics.JOINT_STATE]
     if len(found) != 1:
         names = ", ".join(connection.topic for connection in found) or "none"
         expected = "exactly one topic for the nodes (choose it with --topics)"

@@ -21,7 +21,7 @@ from tel_ros.recording.config_file import with_overrides
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.provenance import stored_config, stored_urdf, unpacked_config
-from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bag, trial_bags
+from tel_ros.recording.run_folder import is_run_folder, trial_bag, trial_bags
 from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, RecordedTrial, read_metadata, read_trial
 
 _CHANGEABLE = ("learning", "seed")
@@ -159,8 +159,7 @@ def bags_of(paths: Sequence[Path]) -> list[Path]:
     """
     bags: list[Path] = []
     for path in paths:
-        is_run = (path / CONFIG_FILE).is_file() or (path / SUMMARY_FILE).is_file()
-        bags += _trials_of(path) if is_run else [path]
+        bags += _trials_of(path) if is_run_folder(path) else [path]
     for k, bag in enumerate(bags):
         if bag.resolve() in [earlier.resolve() for earlier in bags[:k]]:
             raise BagError(bag, "is named twice", "each bag once")

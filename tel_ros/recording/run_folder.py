@@ -83,6 +83,11 @@ def written_config(folder: Path) -> Config:
     return config_from(read_yaml(file), lambda key: str(file))
 
 
+def is_run_folder(folder: Path) -> bool:
+    """Return whether a practice run has begun in a folder."""
+    return (folder / CONFIG_FILE).is_file() or (folder / SUMMARY_FILE).is_file()
+
+
 def trial_bag(folder: Path, index: int) -> Path:
     """Return the folder of a trial's bag."""
     return folder / f"trial_{index:03d}"

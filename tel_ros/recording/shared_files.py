@@ -16,9 +16,6 @@ def share_folder(package: str) -> Path:
     """Return a package's share folder, below whichever prefix its Python module is installed in.
 
     The ament index would need an environment that has been sourced; this works without one as well.
-
-    Raises:
-        InputFileError: the package is not installed, or has no such folder.
     """
     spec = find_spec(package)
     if spec is None or spec.origin is None:
@@ -38,9 +35,6 @@ def named_file(name: str, folder: Path, key: str = "arm.urdf") -> Path:
             (``package://pybullet_data/kuka_iiwa/model.urdf``), or a ROS package in AMENT_PREFIX_PATH.
         folder: what a relative file name is relative to.
         key: that names it, for messages.
-
-    Raises:
-        InputFileError: there is no such package, or it has no such file.
     """
     if not name.startswith(_PACKAGE):
         return (folder / name).resolve()
@@ -61,32 +55,20 @@ def named_file(name: str, folder: Path, key: str = "arm.urdf") -> Path:
 
 
 def config_folder() -> Path:
-    """Return the folder of the configurations, as it lies in a checkout or as it was installed.
-
-    Raises:
-        InputFileError: there is neither.
-    """
+    """Return the folder of the configurations, as it lies in a checkout or as it was installed."""
     checkout = Path(__file__).parents[2] / "config"
     return checkout if (checkout / "paper.yaml").is_file() else share_folder("tel_ros") / "config"
 
 
 def shipped_configs() -> dict[str, Path]:
-    """Return the practice runs that come with the package, by the name that stands for each.
-
-    Raises:
-        InputFileError: the package is not installed completely.
-    """
+    """Return the practice runs that come with the package, by the name that stands for each."""
     return {path.stem: path for path in sorted(config_folder().glob("*.yaml"))}
 
 
 def named_config(name: str) -> Path:
-    """Return the file of a practice run: the file of that name, or the shipped configuration.
+    """Return the file of that name or, of a bare name, the shipped configuration; InputFileError if neither.
 
-    The user's file comes first: what lies in the working folder is what is meant. A name with a folder is
-    returned as it is, whether there is such a file or not.
-
-    Raises:
-        InputFileError: a bare name is neither.
+    The user's file comes first: what lies in the working folder is what is meant.
     """
     path = Path(name)
     if path.is_file() or path.name != name:

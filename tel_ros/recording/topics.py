@@ -51,8 +51,9 @@ LOAD = "inverse_dynamics/load"
 START_RECORDING = "trial_recorder/start"
 STOP_RECORDING = "trial_recorder/stop"
 
+JOINT_STATE = "sensor_msgs/msg/JointState"
 RECORDED_LIVE = {
-    JOINT_STATES: "sensor_msgs/msg/JointState",
+    JOINT_STATES: JOINT_STATE,
     CONTROL_STATES: "tel_interfaces/msg/ControlState",
 }
 """Taken from the graph while a trial runs: topic to type."""

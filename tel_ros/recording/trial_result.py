@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tel_ros.core.trial import LoopTiming, Outcome, TrialReport
-from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.cdr import time_ns
 
 _MESSAGE_NAME = {"warning": "timing_warning"}
 """Fields of the timing that the message names differently. Stamps ``x_ns`` are ``x_stamp`` there."""
@@ -20,12 +20,7 @@ _NOT_MEASURED = {"int": 0, "float": math.nan, "str": ""}
 
 
 def result_fields(report: TrialReport, to_time: Callable[[int], Any]) -> dict[str, Any]:
-    """Return the fields of a ``TrialResult``, all but ``joint_names``.
-
-    Args:
-        report: of the trial.
-        to_time: from ns to a ``builtin_interfaces/Time``.
-    """
+    """Return the fields of a ``TrialResult``, all but ``joint_names``; ``to_time`` makes a stamp of ns."""
     values: dict[str, Any] = {}
     for field in fields(report):
         value = getattr(report, field.name)
@@ -57,8 +52,7 @@ def report_of(result: Any) -> TrialReport:
         if field.name == "timing":
             values["timing"] = _timing(result)
         elif field.name.endswith("_ns"):
-            stamp = getattr(result, field.name.removesuffix("_ns") + "_stamp")
-            values[field.name] = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+            values[field.name] = time_ns(getattr(result, field.name.removesuffix("_ns") + "_stamp"))
         else:
             values[field.name] = _READERS[str(field.type)](getattr(result, field.name))
     return TrialReport(**values)

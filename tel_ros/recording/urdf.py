@@ -53,11 +53,7 @@ class JointLimits:
 
 
 def read_urdf(path: Path) -> Any:
-    """Return the parsed URDF.
-
-    Raises:
-        InputFileError: it is missing, is no URDF, or its links form no tree.
-    """
+    """Return the parsed URDF; errors as :func:`parse_urdf`, or it is missing."""
     if not path.is_file():
         raise InputFileError(path, "there is no such file", "a URDF file (key arm.urdf)")
     try:
@@ -68,15 +64,7 @@ def read_urdf(path: Path) -> Any:
 
 
 def parse_urdf(content: bytes, path: object) -> Any:
-    """Return the parsed URDF.
-
-    Args:
-        content: of the file.
-        path: where it comes from, for messages.
-
-    Raises:
-        InputFileError: it is no URDF, or its links form no tree.
-    """
+    """Return the parsed URDF; InputFileError about ``path`` if it is none or its links form no tree."""
     try:
         urdf = URDF.from_xml_string(content)
         reached = {urdf.get_root()}
@@ -119,16 +107,8 @@ def joint_limits(urdf: Any, joints: tuple[str, ...]) -> JointLimits:
     return JointLimits(tuple(low), tuple(high), tuple(speed), tuple(effort))
 
 
-def _triple(values: Any) -> FloatArray:
-    return np.array(values or [0.0, 0.0, 0.0], dtype=float)
-
-
 def chain_to_hand(urdf: Any, joints: tuple[str, ...], hand_link: str) -> SerialChain:
-    """Return the chain of joints from the root of the URDF to the hand.
-
-    Raises:
-        ConfigError: the URDF has no such link.
-    """
+    """Return the chain of joints from the URDF's root to the hand; ConfigError if there is no such link."""
     if hand_link not in urdf.link_map:
         links = ", ".join(urdf.link_map)
         raise ConfigError("hand_link", hand_link, f"a link of the URDF (it has {links})")
@@ -143,9 +123,10 @@ def link_joints(urdf: Any, joints: tuple[str, ...]) -> tuple[LinkJoint, ...]:
 
 def _chain_joint(joint: Any, joints: tuple[str, ...]) -> ChainJoint:
     axis = np.array(joint.axis if joint.axis is not None else [1.0, 0.0, 0.0], dtype=float)
+    nowhere = [0.0, 0.0, 0.0]
     return ChainJoint(
-        origin_m=_triple(joint.origin and joint.origin.xyz),
-        origin_rpy_rad=_triple(joint.origin and joint.origin.rpy),
+        origin_m=np.array((joint.origin and joint.origin.xyz) or nowhere, dtype=float),
+        origin_rpy_rad=np.array((joint.origin and joint.origin.rpy) or nowhere, dtype=float),
         axis=axis / np.linalg.norm(axis) if np.any(axis) else axis,
         index=joints.index(joint.name) if joint.name in joints else None,
         prismatic=joint.type == "prismatic",
@@ -160,8 +141,7 @@ def arm_description(
     Args:
         file: URDF of the arm.
         joints: that are learned.
-        others: within which positions [rad] other joints were recorded. What was not recorded is taken to
-            have been at zero.
+        others: within which positions [rad] other joints were recorded; what was not is taken to be at 0.
 
     Returns:
         Its text, and what had to be assumed, in words.

@@ -16,12 +16,7 @@ from tel_ros.core.types import FloatArray
 
 
 def load_path(path: PathConfig, arm: ArmConfig) -> JointPath:
-    """Return the configured path, built in or from a file.
-
-    Raises:
-        ConfigError: there is no built-in path of that name for that number of joints.
-        InputFileError: the file is missing or malformed.
-    """
+    """Return the configured path, built in (ConfigError if there is none) or from a file (InputFileError)."""
     return _load(path.name, path.file, "path.", arm)
 
 
@@ -43,11 +38,8 @@ def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") 
 
     Args:
         file: to read.
-        joints: names, in the order of the columns that are returned.
+        joints: names, in the order of the columns that are returned. Shape (n, n_joints).
         key: of the configuration, for messages.
-
-    Returns:
-        Shape (n, n_joints), columns in the order of ``joints``.
 
     Raises:
         InputFileError: the file is missing, a column is missing or unknown, a row has the wrong length or a

@@ -14,7 +14,6 @@ import yaml
 from tel_ros.core.config import Config, file_keys, file_values
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import (
-    default_config_file,
     dump_config,
     flat_values,
     load_config,
@@ -23,6 +22,7 @@ from tel_ros.recording.config_file import (
 )
 from tel_ros.recording.provenance import stored_files, unpacked_config
 from tel_ros.recording.run_folder import create_run_folder
+from tel_ros.recording.shared_files import config_folder
 
 Edit = Callable[[str, str, str], Path]
 
@@ -38,7 +38,7 @@ def complaint(file: Path, *overrides: str) -> str:
 
 
 def test_the_papers_protocol_is_the_default_and_says_what_the_paper_says() -> None:
-    config = load_config(default_config_file())
+    config = load_config(config_folder() / "paper.yaml")
     practice, arm, learning = config.practice, config.arm, config.learning
     assert (practice.strategy, practice.trials) == ("trajectory_extension", 15)
     assert (practice.first_duration_s, practice.goal_duration_s) == (11.5, 4.5)
@@ -464,7 +464,7 @@ def test_a_key_of_the_version_before_still_works_with_a_warning(edit: Edit) -> N
     with pytest.warns(
         FutureWarning, match=r"--set control\.corridor_rad=0\.125: control\.corridor_rad is called"
     ):
-        config = load_config(default_config_file(), ["control.corridor_rad=0.125"])
+        config = load_config(config_folder() / "paper.yaml", ["control.corridor_rad=0.125"])
     assert config.control.path_tolerance_rad == 0.125
 
 

@@ -12,7 +12,7 @@ import click
 from tel_ros.app.errors import EXIT_NOT_COMPLETED
 from tel_ros.app.tables import show
 from tel_ros.core.errors import BagError
-from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
+from tel_ros.recording.run_folder import is_run_folder
 
 _PATH = click.Path(path_type=Path)
 
@@ -38,7 +38,7 @@ def info(path: Path, as_json: bool) -> None:
     from tel_ros.app.bag.text import head_lines, plain, run_table, topic_table
     from tel_ros.recording.bag_inspection import bags_of_run, inspect_bag
 
-    is_run = (path / CONFIG_FILE).is_file() or (path / SUMMARY_FILE).is_file()
+    is_run = is_run_folder(path)
     bags = [inspect_bag(each) for each in (bags_of_run(path) if is_run else [path])]
     if not bags:
         raise BagError(path, "has no trial", "a run with at least one")

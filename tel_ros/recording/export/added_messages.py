@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,14 +25,13 @@ TF = "/tf"
 TF_STATIC = "/tf_static"
 """tf2_msgs/TFMessage, once: all other links."""
 
-_OURS = "/export"
-DESIRED_PATH = f"{_OURS}/hand_path/desired"
+DESIRED_PATH = "/export/hand_path/desired"
 """nav_msgs/Path, once a trial, at its beginning: of the hand in RUN; empty if RUN was not reached."""
-ACTUAL_PATH = f"{_OURS}/hand_path/actual"
-EQUILIBRIUM_PATH = f"{_OURS}/hand_path/equilibrium"
-ERROR = f"{_OURS}/error_rad"
+ACTUAL_PATH = "/export/hand_path/actual"
+EQUILIBRIUM_PATH = "/export/hand_path/equilibrium"
+ERROR = "/export/error_rad"
 """std_msgs/Float64MultiArray, every tick of RUN: measured minus desired position of each joint."""
-EFFORT_LIMIT = f"{_OURS}/effort_limit_nm"
+EFFORT_LIMIT = "/export/effort_limit_nm"
 """std_msgs/Float64MultiArray at both ends of a trial: the limit of each joint, then its negative for each."""
 
 STREAMED = {
@@ -56,10 +55,7 @@ Added = tuple[str, int, bytes]
 
 @dataclass(frozen=True)
 class ExportedArm:
-    """The arm of a run, as its bags describe it.
-
-    ``root`` is the link that everything is placed in; ``meshes`` are files that the URDF names.
-    """
+    """The arm of a run: ``root`` is the link that everything is placed in, ``meshes`` the URDF's files."""
 
     config: ArmConfig
     urdf: str
@@ -75,12 +71,7 @@ class ExportedArm:
 
 
 def exported_arm(bag: Path, metadata: Mapping[str, str]) -> ExportedArm:
-    """Return the arm that a bag was recorded with.
-
-    Raises:
-        BagError: its configuration or description is missing, or cannot be used.
-        ConfigError: they do not fit each other.
-    """
+    """Return the arm of a bag; BagError if parts of it are missing, ConfigError if they contradict."""
     config = stored_config(bag, metadata).arm
     text = stored_urdf(bag, metadata)
     try:
@@ -103,7 +94,7 @@ def messages_of_arm(arm: ExportedArm, time_ns: int) -> Iterator[Added]:
     """Yield the messages that a file has once, at its beginning."""
     yield ROBOT_DESCRIPTION, time_ns, _serialised(ROBOT_DESCRIPTION, data=arm.urdf)
     still = [each for each in arm.joints if each.joint.index is None]
-    yield TF_STATIC, time_ns, next(_transforms(TF_STATIC, still, _at(time_ns), np.zeros((1, 0))))
+    yield TF_STATIC, time_ns, next(_transforms(TF_STATIC, still, [time_ns], np.zeros((1, 0))))
 
 
 def messages_of_trial(
@@ -111,12 +102,7 @@ def messages_of_trial(
 ) -> list[Added]:
     """Return what is added to a trial, in the order of time.
 
-    Args:
-        trial: of this arm.
-        arm: that executed it.
-        begin_ns: time of its first message in the exported file.
-        end_ns: time of its last message there.
-        shift_ns: added to its recorded times.
+    ``begin_ns``, ``end_ns``: its first and last message in the file. ``shift_ns``: added to recorded times.
     """
     times_ns = trial.time_ns + shift_ns
     limits = np.array(arm.config.effort_limit_nm)
@@ -124,23 +110,36 @@ def messages_of_trial(
     messages: list[Added] = [(EFFORT_LIMIT, time_ns, bounds) for time_ns in (begin_ns, end_ns)]
 
     run = np.flatnonzero(trial.run)
-    n_joints = len(trial.joints)
-    ways = {
-        DESIRED_PATH: trial.desired[:, :n_joints],
-        ACTUAL_PATH: trial.position_rad,
-        EQUILIBRIUM_PATH: trial.equilibrium_rad,
-    }
+    desired_rad = trial.desired[:, : len(trial.joints)]
     seen = run[thinned(times_ns[run])]
-    for topic, positions_rad in ways.items():
+    for topic, positions_rad in (
+        (DESIRED_PATH, desired_rad),
+        (ACTUAL_PATH, trial.position_rad),
+        (EQUILIBRIUM_PATH, trial.equilibrium_rad),
+    ):
         hand_m = arm.chain.hand_positions(positions_rad[seen])
-        messages.append((topic, begin_ns, _path(topic, _header(begin_ns, arm.root), times_ns[seen], hand_m)))
+        poses = [
+            _made(
+                "geometry_msgs/msg/PoseStamped",
+                header=_header(time_ns, arm.root),
+                pose=_made(
+                    "geometry_msgs/msg/Pose",
+                    position=_vector("Point", position_m),
+                    orientation=_vector("Quaternion", (0.0, 0.0, 0.0, 1.0)),
+                ),
+            )
+            for time_ns, position_m in zip(times_ns[seen].tolist(), hand_m, strict=True)
+        ]
+        path = _serialised(topic, header=_header(begin_ns, arm.root), poses=poses)
+        messages.append((topic, begin_ns, path))
 
     moving = [each for each in arm.joints if each.joint.index is not None]
     rows = thinned(times_ns)
-    transforms = _transforms(TF, moving, times_ns[rows], trial.position_rad[rows])
-    messages += zip((TF,) * len(rows), map(int, times_ns[rows]), transforms, strict=True)
+    thinned_ns = times_ns[rows].tolist()
+    transforms = _transforms(TF, moving, thinned_ns, trial.position_rad[rows])
+    messages += [(TF, time_ns, raw) for time_ns, raw in zip(thinned_ns, transforms, strict=True)]
 
-    error_rad = trial.position_rad - trial.desired[:, :n_joints]
+    error_rad = trial.position_rad - desired_rad
     messages += [(ERROR, int(times_ns[k]), _serialised(ERROR, **_array(error_rad[k]))) for k in run]
     return sorted(messages, key=lambda message: message[1])
 
@@ -154,24 +153,22 @@ def thinned(times_ns: IntArray) -> IntArray:
     return kept
 
 
-def _at(time_ns: int) -> IntArray:
-    return np.array([time_ns], dtype=np.int64)
-
-
 def _transforms(
-    topic: str, joints: list[LinkJoint], times_ns: IntArray, position_rad: FloatArray
+    topic: str, joints: list[LinkJoint], times_ns: list[int], position_rad: FloatArray
 ) -> Iterator[bytes]:
     """Yield the placements of some links, one message a row of ``position_rad``."""
-    types = typestore().types
     placed = [each.joint.placements(position_rad) for each in joints]
     quaternions = [turned.as_quat() for _, turned in placed]
     for row, time_ns in enumerate(times_ns):
         transforms = [
-            types["geometry_msgs/msg/TransformStamped"](
-                header=_header(int(time_ns), each.parent),
+            _made(
+                "geometry_msgs/msg/TransformStamped",
+                header=_header(time_ns, each.parent),
                 child_frame_id=each.child,
-                transform=types["geometry_msgs/msg/Transform"](
-                    translation=_xyz("Vector3", places[row]), rotation=_quaternion(turned[row])
+                transform=_made(
+                    "geometry_msgs/msg/Transform",
+                    translation=_vector("Vector3", places[row]),
+                    rotation=_vector("Quaternion", turned[row]),
                 ),
             )
             for each, (places, _), turned in zip(joints, placed, quaternions, strict=True)
@@ -179,41 +176,25 @@ def _transforms(
         yield _serialised(topic, transforms=transforms)
 
 
-def _path(topic: str, header: Any, times_ns: IntArray, positions_m: FloatArray) -> bytes:
-    types = typestore().types
-    straight = _quaternion(np.array([0.0, 0.0, 0.0, 1.0]))
-    poses = [
-        types["geometry_msgs/msg/PoseStamped"](
-            header=_header(int(time_ns), header.frame_id),
-            pose=types["geometry_msgs/msg/Pose"](position=_xyz("Point", position_m), orientation=straight),
-        )
-        for time_ns, position_m in zip(times_ns, positions_m, strict=True)
-    ]
-    return _serialised(topic, header=header, poses=poses)
+def _made(kind: str, **fields: Any) -> Any:
+    return typestore().types[kind](**fields)
 
 
 def _header(time_ns: int, frame: str) -> Any:
-    types = typestore().types
-    stamp = types["builtin_interfaces/msg/Time"](sec=time_ns // NS_PER_S, nanosec=time_ns % NS_PER_S)
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+    stamp = _made("builtin_interfaces/msg/Time", sec=time_ns // NS_PER_S, nanosec=time_ns % NS_PER_S)
+    return _made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def _xyz(kind: str, values: FloatArray) -> Any:
-    x, y, z = map(float, values)
-    return typestore().types[f"geometry_msgs/msg/{kind}"](x=x, y=y, z=z)
-
-
-def _quaternion(values: FloatArray) -> Any:
-    x, y, z, w = map(float, values)
-    return typestore().types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
+def _vector(kind: str, values: Iterable[float]) -> Any:
+    return _made(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
 
 
 def _array(values: FloatArray) -> dict[str, Any]:
     """Return the fields of a Float64MultiArray, as :func:`_serialised` takes them."""
-    layout = typestore().types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    layout = _made("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     return {"layout": layout, "data": np.ascontiguousarray(values, dtype=np.float64)}
 
 
 def _serialised(topic: str, **fields: Any) -> bytes:
-    store, kind = typestore(), ADDED[topic]
-    return bytes(store.serialize_cdr(store.types[kind](**fields), kind))
+    kind = ADDED[topic]
+    return bytes(typestore().serialize_cdr(_made(kind, **fields), kind))

@@ -8,7 +8,7 @@ from heapq import merge
 from pathlib import Path
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
+from rosbags.interfaces import ConnectionExtRosbag2
 
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
@@ -25,7 +25,7 @@ from tel_ros.recording.export.added_messages import (
     messages_of_arm,
     messages_of_trial,
 )
-from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, trial_bags
+from tel_ros.recording.run_folder import is_run_folder, trial_bags
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
 _SYNC_S = 60.0
@@ -47,15 +47,9 @@ class ExportedTrial:
 
 @dataclass(frozen=True)
 class Export:
-    """What was written.
+    """What was written: a rosbag2 folder, and the MCAP file in it.
 
-    Args:
-        folder: a rosbag2 folder.
-        file: the MCAP file in it.
-        arm: of the run.
-        counts: messages in the file by topic.
-        trials: in their order.
-        left_out: bags of the run that are not in the file, and why.
+    ``counts``: messages in the file by topic. ``left_out``: bags of the run that are not in it, and why.
     """
 
     folder: Path
@@ -70,13 +64,9 @@ def export(source: Path, out: Path) -> Export:
     """Write a run, or a single trial, into one MCAP file, which is also a rosbag2 folder.
 
     Everything that was recorded is there byte by byte, with its definition; what is added to it lies on
-    topics of its own (:data:`ADDED`). The time of a message in the file is
-    the recorded one as long as that does not go back from one trial to the next
-    (:class:`Timeline`); stamps inside recorded messages are never touched.
-
-    Args:
-        source: folder of a run or of a bag.
-        out: folder to make.
+    topics of its own (:data:`ADDED`). The time of a message in the file is the recorded one as long as that
+    does not go back from one trial to the next (:class:`Timeline`); stamps inside recorded messages are never
+    touched.
 
     Raises:
         BagError: there is neither run nor bag, no trial of it is whole, the arm's description is missing, or
@@ -85,11 +75,12 @@ def export(source: Path, out: Path) -> Export:
     """
     if out.exists():
         raise BagError(out, "exists already", "a folder that is new")
-    is_run = (source / CONFIG_FILE).is_file() or (source / SUMMARY_FILE).is_file()
+    is_run = is_run_folder(source)
     bags = trial_bags(source) if is_run else [source]
     if not bags:
         raise BagError(source, "has no trial", "a run with at least one")
-    whole, left_out = _first_whole(bags)
+    left_out: dict[Path, str] = {}
+    whole = next((trial for bag in bags if (trial := _whole_trial(bag, left_out))), None)
     if whole is None:
         if not is_run:
             raise BagError(source, left_out[source], "the whole bag of a trial")
@@ -103,7 +94,8 @@ def export(source: Path, out: Path) -> Export:
             run.add(whole)
             for bag in bags[bags.index(whole.bag) + 1 :]:
                 try:
-                    run.add(_whole_trial(bag))
+                    if trial := _whole_trial(bag, left_out):
+                        run.add(trial)
                 except _LeftOutError as error:
                     left_out[bag] = str(error)
     except _LeftOutError as error:
@@ -119,25 +111,16 @@ class _LeftOutError(Exception):
     """A bag that does not get into the file; says why."""
 
 
-def _first_whole(bags: list[Path]) -> tuple[RecordedTrial | None, dict[Path, str]]:
-    """Return the first trial that is whole, and what is wrong with the bags before it."""
-    left_out: dict[Path, str] = {}
-    for bag in bags:
-        try:
-            return _whole_trial(bag), left_out
-        except _LeftOutError as error:
-            left_out[bag] = str(error)
-    return None, left_out
-
-
-def _whole_trial(bag: Path) -> RecordedTrial:
+def _whole_trial(bag: Path, left_out: dict[Path, str]) -> RecordedTrial | None:
+    """Return the trial in a bag; None, and the reason among those left out, if it is not whole."""
     try:
         inspected = inspect_bag(bag)
-        if not inspected.wholeness.is_good:
-            raise _LeftOutError(f"is {inspected.wholeness.name.lower()} ({inspected.problem})")
-        return read_trial(bag)
+        if inspected.wholeness.is_good:
+            return read_trial(bag)
+        left_out[bag] = f"is {inspected.wholeness.name.lower()} ({inspected.problem})"
     except BagError as error:
-        raise _LeftOutError(error.found) from error
+        left_out[bag] = error.found
+    return None
 
 
 class Timeline:
@@ -170,12 +153,7 @@ class _RunWriter:
     _types: dict[str, str] = field(default_factory=dict)
 
     def add(self, trial: RecordedTrial) -> None:
-        """Append a trial.
-
-        Raises:
-            _LeftOutError: it is of another arm, or defines a topic differently; nothing was written of it.
-            BagError: the disk does not take it.
-        """
+        """Append a trial; _LeftOutError, with nothing written, if it does not fit the arm or the topics."""
         if trial.joints != self.arm.config.joints:
             raise _LeftOutError(
                 f"is of the joints {', '.join(trial.joints)}, not {', '.join(self.arm.config.joints)}"
@@ -210,18 +188,15 @@ class _RunWriter:
         for connection in reader.connections:
             if connection.topic not in self._types:
                 self._types[connection.topic] = types[connection.topic]
-                self.writer.add_topic(
-                    connection.topic, connection.msgtype, reader.typestore, _qos(connection)
+                extension = connection.ext
+                offered = (
+                    extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else ()
                 )
+                self.writer.add_topic(connection.topic, connection.msgtype, reader.typestore, offered)
         if not self.trials:
             for topic, kind in ADDED.items():
                 qos = offered_qos(topic, latched=topic not in STREAMED)
                 self.writer.add_topic(topic, kind, typestore(), [qos])
-
-
-def _qos(connection: Connection) -> list[Qos]:
-    extension = connection.ext
-    return list(extension.offered_qos_profiles) if isinstance(extension, ConnectionExtRosbag2) else []
 
 
 def _recorded(bag: Path, reader: AnyReader, shift_ns: int) -> Iterator[Added]:

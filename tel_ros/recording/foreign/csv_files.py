@@ -30,13 +30,7 @@ _COLUMNS = f"the columns {TIME}, {POSITION}<joint> and {TORQUE}<joint>"
 
 @dataclass(frozen=True)
 class Table:
-    """A file of named columns.
-
-    Args:
-        file: that it was read from.
-        header: names.
-        values: shape (n, n_columns).
-    """
+    """A file of named columns; ``values`` has the shape (n, n_columns)."""
 
     file: Path
     header: tuple[str, ...]
@@ -47,11 +41,7 @@ class Table:
         return tuple(name.removeprefix(prefix) for name in self.header if name.startswith(prefix))
 
     def columns(self, prefix: str, joints: Sequence[str]) -> FloatArray:
-        """Return a column a joint.
-
-        Raises:
-            InputFileError: there is none for a joint, or it holds what is no finite number.
-        """
+        """Return a column a joint; InputFileError if one is missing or holds what is no finite number."""
         missing = [prefix + joint for joint in joints if prefix + joint not in self.header]
         if missing:
             found = f"has no column {', '.join(missing)}"
@@ -66,11 +56,7 @@ class Table:
 
 
 def read_table(file: Path) -> Table:
-    """Read a CSV of numbers with a header line.
-
-    Raises:
-        InputFileError: it is missing or cannot be read, has no header or a name twice, or holds no numbers.
-    """
+    """Read a CSV of numbers with a header line; InputFileError if it is missing or malformed."""
     try:
         with file.open(newline="", encoding="utf-8-sig") as lines:
             header = tuple(name.strip() for name in next(csv.reader(lines), []))
@@ -92,17 +78,9 @@ def read_table(file: Path) -> Table:
 
 
 def read_csv_recording(file: Path, joints: Sequence[str] = ()) -> JointRecording:
-    """Read a recording.
+    """Read a recording of all joints that have a position; efforts are NaN without a ``tau_`` column.
 
-    Args:
-        file: CSV.
-        joints: that are wanted; empty: all that have a position.
-
-    Returns:
-        With the efforts as NaN for joints that have no ``tau_`` column, which only hold their place.
-
-    Raises:
-        InputFileError: see :func:`read_table`; or a column is missing, or holds what is no finite number.
+    Raises InputFileError if the file cannot be used or lacks the efforts of one of ``joints``.
     """
     table = read_table(file)
     if TIME not in table.header or not table.named(POSITION):

@@ -18,11 +18,12 @@ from rosbags.highlevel import AnyReader
 
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.learning.joint_recording import JointRecording
-from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
-from tel_ros.recording.bag_format import METADATA_FILE, reading, typestore
+from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.recording.bag_format import METADATA_FILE, all_messages, reading, typestore
+from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.foreign.csv_files import read_csv_recording
+from tel_ros.recording.topics import JOINT_STATE
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 DATA_FILES = (".mcap", ".db3")
 BAG_FILES = (".bag", *DATA_FILES)
@@ -30,11 +31,7 @@ _EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajector
 
 
 def read_source(source: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
-    """Read a bag or a CSV. See :func:`read_bag` and :func:`.csv_files.read_csv_recording`.
-
-    Raises:
-        InputFileError: it is missing, of another kind, cannot be read, or tells no positions or efforts.
-    """
+    """Read a bag or a CSV: see :func:`read_bag` and :func:`.csv_files.read_csv_recording`."""
     if source.suffix.lower() == ".csv":
         return [read_csv_recording(source, joints)]
     if source.is_file() and source.suffix not in BAG_FILES:
@@ -58,8 +55,7 @@ def read_sources(
         stayed, by name.
 
     Raises:
-        InputFileError: see :func:`read_source`; a recording lacks a joint, cannot be learned from, or tells
-            other joints than the first one does.
+        InputFileError: a source cannot be used, lacks a joint, or tells other joints than the first one.
     """
     found = [recording for source in sources for recording in read_source(source, topic, joints)]
     joints = tuple(joints) or found[0].with_effort() or found[0].joints
@@ -93,8 +89,7 @@ def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[Joi
         message of a topic of trajectories.
 
     Raises:
-        InputFileError: there is no such bag, it cannot be read or is empty, it yields fewer messages than it
-            announces, it has no such topic or several to choose from, or there are no efforts.
+        InputFileError: the bag cannot be used, has no such topic or several to choose from, or no efforts.
     """
     files = _files(bag)
     with reading(bag, _EXPECTED), AnyReader(files, default_typestore=typestore()) as reader:
@@ -104,12 +99,16 @@ def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[Joi
         if topic and named.get(topic) not in (JOINT_STATE, JOINT_TRAJECTORY):
             found = f"{topic} has messages {named[topic]}" if topic in named else f"has no topic {topic}"
             raise InputFileError(bag, found, f"a topic of joints (it has {_list(named)})")
-        topics = (
-            [topic] if topic else [t for t, kind in named.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
-        )
+        of_joints = [t for t, kind in named.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
+        topics = [topic] if topic else of_joints
         if not topics:
             raise InputFileError(bag, f"has the topics {_list(named) or 'of no messages'}", _EXPECTED)
-        read = {t: _Messages(bag, t, named[t], _messages(reader, bag, t)) for t in sorted(topics)}
+        read = {
+            t: _Messages(
+                bag, t, named[t], all_messages(bag, reader, [c for c in reader.connections if c.topic == t])
+            )
+            for t in sorted(topics)
+        }
     if not any(m.stamped for m in read.values()):
         raise InputFileError(bag, f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
     with_effort = {t: m for t, m in read.items() if m.has_effort(joints)}
@@ -150,9 +149,9 @@ class _Messages:
 
 def _of_states(source: str, stamped: Sequence[tuple[int, Any]]) -> JointRecording:
     names = tuple(stamped[0][1].name)
-    time_ns = np.array([_stamp_ns(message.header.stamp) for _, message in stamped], dtype=np.int64)
-    if not np.any(time_ns):  # nobody has set the stamps
-        time_ns = np.array([recorded_ns for recorded_ns, _ in stamped], dtype=np.int64)
+    moments_ns = np.array([time_ns(message.header.stamp) for _, message in stamped], dtype=np.int64)
+    if not np.any(moments_ns):  # nobody has set the stamps
+        moments_ns = np.array([recorded_ns for recorded_ns, _ in stamped], dtype=np.int64)
     order = {names: np.arange(len(names))}
 
     def rows(field: str) -> FloatArray:
@@ -167,12 +166,13 @@ def _of_states(source: str, stamped: Sequence[tuple[int, Any]]) -> JointRecordin
             values[k] = np.asarray(row)[order[its_names]]
         return values
 
-    return JointRecording(source, names, _since_first_s(time_ns), rows("position"), rows("effort"))
+    time_s = (moments_ns - moments_ns[0]) / NS_PER_S
+    return JointRecording(source, names, time_s, rows("position"), rows("effort"))
 
 
 def _of_trajectory(source: str, message: Any) -> JointRecording:
     names = tuple(message.joint_names)
-    time_ns = np.array([_stamp_ns(point.time_from_start) for point in message.points], dtype=np.int64)
+    moments_ns = np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
 
     def rows(field: str) -> FloatArray:
         values = [getattr(point, field) for point in message.points]
@@ -182,7 +182,8 @@ def _of_trajectory(source: str, message: Any) -> JointRecording:
                 raise InputFileError(source, found, f"one for each of its {len(names)} joints")
         return np.array(values, dtype=np.float64).reshape(-1, len(names))
 
-    return JointRecording(source, names, _since_first_s(time_ns), rows("positions"), rows("effort"))
+    time_s = (moments_ns - moments_ns[0]) / NS_PER_S
+    return JointRecording(source, names, time_s, rows("positions"), rows("effort"))
 
 
 def _names(kind: str, message: Any) -> set[str]:
@@ -195,14 +196,6 @@ def _has_effort(kind: str, message: Any) -> bool:
     return any(len(point.effort) > 0 for point in message.points)
 
 
-def _stamp_ns(stamp: Any) -> int:
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-
-
-def _since_first_s(time_ns: IntArray) -> FloatArray:
-    return np.asarray(time_ns - time_ns[0], dtype=np.float64) / NS_PER_S
-
-
 def _files(bag: Path) -> list[Path]:
     if not bag.exists():
         raise InputFileError(bag, "there is no such file or folder", _EXPECTED)
@@ -213,22 +206,6 @@ def _files(bag: Path) -> list[Path]:
     if not files:
         raise InputFileError(bag, "has neither metadata.yaml nor data files", _EXPECTED)
     return files
-
-
-def _messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
-    connections = [c for c in reader.connections if c.topic == topic]
-    if not connections:
-        return []
-    found = [
-        (time_ns, reader.deserialize(raw, connection.msgtype))
-        for connection, time_ns, raw in reader.messages(connections=connections)
-    ]
-    announced = sum(connection.msgcount for connection in connections)
-    if len(found) != announced:
-        raise InputFileError(
-            bag, f"yields {len(found)} messages of {topic}", f"the {announced} that it announces"
-        )
-    return found
 
 
 def _list(named: dict[str, str]) -> str:
