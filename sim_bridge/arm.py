@@ -22,9 +22,8 @@ from functools import partial
 from types import TracebackType
 from typing import NamedTuple
 
-from sim_bridge.delay import CommandDelay
+from sim_bridge.actuators import CommandDelay, PositionDrive
 from sim_bridge.description import ArmDescription
-from sim_bridge.drive import PositionDrive
 from sim_bridge.physics import ArmPhysics, SimulationError
 from sim_bridge.sensors import JointSensors
 from tel_ros.core.config import ArmConfig, JointValues, SimConfig

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 from rclpy.node import Node
@@ -11,9 +11,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from sim_bridge.arm import CommandError, SimulatedArm
-from sim_bridge.pacing import Due, Pacer
 from sim_bridge.resuming import replay_arm
-from sim_bridge.stillness import Stillness
+from sim_bridge.timing import Pacer, Stillness
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
@@ -49,7 +48,7 @@ class SimBridgeNode(Node):
     ``lockstep``: one period passes for every command that answers the newest state; the state is repeated
     until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
     this counts as silence. A controller is silent between trials as well, for as long as learning takes; what
-    it can have taken for rest is no motion (:class:`~sim_bridge.stillness.Stillness`).
+    it can have taken for rest is no motion (:class:`~sim_bridge.timing.Stillness`).
 
     On silence the effort goes to zero and the arm coasts, in both; position drives hold the last set point.
     """
@@ -106,7 +105,8 @@ class SimBridgeNode(Node):
         else:
             # In this order: if anything comes between, states look older than they are, not from the future.
             self._start_ns = self.get_clock().now().nanoseconds
-            self.pace = _RealTime(self._period_s, self._pass_periods)
+            self._pacer = Pacer(self._period_s, time.monotonic(), LONGEST_STALL_S)
+            self.pace = self
         self._publish()
         self._diagnostics = Diagnostics(self, "simulation", config.arm.name, self._health)
 
@@ -186,7 +186,16 @@ class SimBridgeNode(Node):
         self._command, self._silent_periods = command.values, 0
         self._commanded_at = time.monotonic()
 
-    def _pass_periods(self, due: Due) -> None:
+    @property
+    def deadline_s(self) -> float:
+        """When the next period ends."""
+        return self._pacer.deadline_s
+
+    def keep(self) -> None:
+        """Let the periods pass that have ended, and publish the state after them."""
+        due = self._pacer.due(time.monotonic())
+        if not due.periods:
+            return
         commanded = self._command is not None
         for _ in range(due.periods):
             self._pass_period()
@@ -249,25 +258,6 @@ class SimBridgeNode(Node):
             self.get_logger().info("the arm has come to rest")
             self._coasting = False
             self._coast_timer.cancel()
-
-
-class _RealTime:
-    """Lets the periods of the arm pass when they are due."""
-
-    def __init__(self, period_s: float, pass_periods: Callable[[Due], None]) -> None:
-        self._pacer = Pacer(period_s, time.monotonic(), LONGEST_STALL_S)
-        self._pass_periods = pass_periods
-
-    @property
-    def deadline_s(self) -> float:
-        """When the next period ends."""
-        return self._pacer.deadline_s
-
-    def keep(self) -> None:
-        """Let pass what is due."""
-        due = self._pacer.due(time.monotonic())
-        if due.periods:
-            self._pass_periods(due)
 
 
 def main() -> None:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pybullet
 
 from sim_bridge.description import PAYLOAD_LINK, ArmDescription
-from sim_bridge.quiet import stdout_to_stderr
 from tel_ros.core.config import JointValues, SimConfig
 from tel_ros.core.errors import ConfigError, InputFileError, TelError
 
@@ -237,3 +238,23 @@ def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
             )
         except pybullet.error as error:
             raise InputFileError(description.path, f"PyBullet refuses it ({error})", "a URDF file") from error
+
+
+@contextmanager
+def stdout_to_stderr() -> Iterator[None]:
+    """Send everything written to the process's standard output to standard error instead.
+
+    PyBullet prints remarks on standard output, past ``sys.stdout``; there they would end up in the middle of
+    JSON that another program reads. Works on the whole process, so keep it short: loading, not stepping.
+    """
+    libc = ctypes.CDLL(None)
+    libc.fflush(None)
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        # C's own buffer would otherwise be written after the switch back.
+        libc.fflush(None)
+        os.dup2(kept, 1)
+        os.close(kept)

@@ -9,8 +9,7 @@ import numpy as np
 import pybullet
 
 from sim_bridge.description import ArmDescription
-from sim_bridge.physics import STANDARD_GRAVITY_M_S2
-from sim_bridge.quiet import stdout_to_stderr
+from sim_bridge.physics import STANDARD_GRAVITY_M_S2, stdout_to_stderr
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.learner import TrainingMode, TrainingOutcome
 from tel_ros.core.learning.signals import TrainingSamples

@@ -18,7 +18,7 @@ from tel_ros.recording import topics
 StartGraph = Callable[..., Graph]
 pytestmark = pytest.mark.timeout(60)
 
-PERIOD_NS = 2_000_000
+PERIOD_NS = 5_000_000
 
 
 def command(effort: list[float], answers_ns: int | None = None) -> Float64MultiArray:
