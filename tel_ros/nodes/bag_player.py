@@ -54,9 +54,6 @@ class BagPlayer:
         toggled: polled; true: the user wants a pause, or its end.
         on_pause: called with true when a pause begins, with false when it ends.
         namespace: of the nodes that are to hear the joint states.
-
-    Raises:
-        ReplayRefusedError: an arm is there, or somebody else publishes the time.
     """
 
     def __init__(
@@ -89,7 +86,7 @@ class BagPlayer:
         self._executor.add_node(self.node)
         try:
             self._watch_for(LONG_DISCOVERY_S if self._feeds_nodes else 0.0, with_clock)
-            self._played = [topic for topic in replay.topics if self._made(topic)]
+            self.played: Sequence[ReplayedTopic] = [topic for topic in replay.topics if self._made(topic)]
             if with_clock:
                 self._clock = self.node.create_publisher(Clock, topics.CLOCK, qos.STREAM)
             self.node.create_service(SetBool, PAUSE, self._on_pause)
@@ -111,25 +108,16 @@ class BagPlayer:
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
         self._end()
 
-    @property
-    def played(self) -> Sequence[ReplayedTopic]:
-        """The topics that are published."""
-        return self._played
-
     def play(self, rate: float) -> None:
-        """Publish everything once, from the beginning to the end.
+        """Publish everything once, ``rate`` seconds of the bag in a second.
 
-        Args:
-            rate: seconds of the bag in a second.
-
-        Raises:
-            ReplayRefusedError: an arm has come, or somebody else publishes the time now.
-            BagError: the bag cannot be read on.
+        Raises ReplayRefusedError if an arm has come or somebody else publishes the time, BagError if the bag
+        cannot be read on.
         """
         schedule = self._schedule = ReplaySchedule(rate, self._replay.start_ns, time.monotonic())
         self._clock_ns = -1
         try:
-            for topic, time_ns, raw in self._replay.messages(self._played) if self._played else ():
+            for topic, time_ns, raw in self._replay.messages(self.played) if self.played else ():
                 self._wait_until(time_ns)
                 schedule.late(time_ns, time.monotonic())
                 self._tell_time(time_ns)

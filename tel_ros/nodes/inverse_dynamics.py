@@ -21,8 +21,8 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, revision, save_network
 from tel_ros.recording.new_network import PREDICTS_TORQUE, new_network
-from tel_ros.recording.retraining import require_same_arm, require_trainable
-from tel_ros.recording.trial_bag import read_trial
+from tel_ros.recording.retraining import require_same_arm
+from tel_ros.recording.trial_bag import read_metadata, read_trial
 
 
 class InverseDynamicsNode(Node):
@@ -67,7 +67,7 @@ class InverseDynamicsNode(Node):
                 raise TrainingError(f"training is {mode!r}; expected 'actual' or 'desired'")
             if not request.bags:
                 raise TrainingError("bags is empty; expected at least one bag to learn from")
-            bags = [(Path(bag), require_trainable(Path(bag))) for bag in request.bags]
+            bags = [(Path(bag), read_metadata(Path(bag))) for bag in request.bags]
             require_same_arm(bags, self._config.arm)
             network, outcomes = self._network, []
             for bag in request.bags:

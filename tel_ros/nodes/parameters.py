@@ -33,17 +33,10 @@ RESUME = "resume"
 
 
 def load_parameters(node: Node, *sections: str, settable: Collection[str] = ()) -> Config:
-    """Declare a node's parameters and return the configuration that they make.
+    """Declare a node's parameters and return the configuration that they make; TelError if it is wrong.
 
-    Args:
-        node: the node.
-        sections: the parts of the configuration that it uses, e.g. ``control``, or single keys.
-        settable: dotted keys that are not read-only; see :func:`on_set`.
-
-    Raises:
-        InputFileError: the configuration file, or one that it names, cannot be used.
-        ConfigError: a value is wrong, or a parameter is unknown.
-        TelError: a value has the wrong type, e.g. 1 instead of 1.0.
+    ``sections``: the parts of the configuration that it uses, e.g. ``control``, or single keys. ``settable``:
+    dotted keys that are not read-only; see :func:`on_set`.
     """
     about_file = ParameterDescriptor(
         description="YAML file of a practice run, or a shipped one's name: defaults of the other parameters",
@@ -76,12 +69,9 @@ def load_parameters(node: Node, *sections: str, settable: Collection[str] = ()) 
 
 
 def on_set(node: Node, keys: Collection[str], change: Callable[[Mapping[str, Any]], None]) -> None:
-    """Let somebody set parameters while the node runs.
+    """Let somebody set declared parameters while the node runs.
 
-    Args:
-        node: the node, with its parameters declared.
-        keys: which ones, as given to :func:`load_parameters`.
-        change: called with the new values before they are taken; raises a TelError to refuse them.
+    ``change`` is called with the new values before they are taken; it raises a TelError to refuse them.
     """
 
     def consider(parameters: Sequence[Parameter]) -> SetParametersResult:

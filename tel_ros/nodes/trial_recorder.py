@@ -75,15 +75,11 @@ class TrialRecorderNode(Node):
         ]
         # Both services wait: in a group of their own, messages are served meanwhile.
         self._group = ReentrantCallbackGroup()
-        self.create_service(
-            StartRecording, topics.private(topics.START_RECORDING), self._start, callback_group=self._group
-        )
-        self.create_service(
-            StopRecording,
-            topics.private(topics.STOP_RECORDING),
-            self._stop_recording,
-            callback_group=self._group,
-        )
+        for kind, name, answer in (
+            (StartRecording, topics.START_RECORDING, self._start),
+            (StopRecording, topics.STOP_RECORDING, self._stop_recording),
+        ):
+            self.create_service(kind, topics.private(name), answer, callback_group=self._group)
         self._diagnostics = Diagnostics(self, "recording", config.arm.name, self._health, self._group)
 
     def stop(self) -> None:
@@ -150,7 +146,14 @@ class TrialRecorderNode(Node):
                 raise BagError(bag, f"nothing is heard on {silent}", "the topics of a trial")
             metadata = dict(zip(request.metadata_keys, request.metadata_values, strict=True))
             writer = TrialBagWriter(bag, metadata, self._recording, self.get_namespace())
-            self._write_goal(writer, request.goal)
+            try:
+                # With the time of the newest joint state; on the disk before a crash.
+                goal = to_cdr("tel_interfaces/msg/TrialGoal", request.goal)
+                writer.write(topics.TRIAL_GOAL, self._newest_ns, goal)
+                writer.flush()
+            except BagError:
+                writer.abandon()
+                raise
         except (TelError, ValueError) as error:
             response.message = self._complain(error)
             return response
@@ -194,7 +197,10 @@ class TrialRecorderNode(Node):
             self._writer = None
             response.message = self._complain(error)
             return response
-        self._report_missing(writer.bag)
+        self._missing = missing(self._stamps)
+        if self._missing:  # what is not learned from: a lost tick fails the trial
+            lost = ", ".join(f"{n} of {topic}" for topic, n in self._missing.items())
+            self.get_logger().warning(f"{writer.bag}: did not arrive: {lost}")
         response.topics, response.message_counts = list(writer.counts), list(writer.counts.values())
         response.success = True
         return response
@@ -255,22 +261,6 @@ class TrialRecorderNode(Node):
     def _dropped(self, result: messages.TrialResult) -> int:
         """Return how many ticks of a trial have not arrived: counted, because its clock may have jumped."""
         return max(0, result.ticks - self._ticks[result.index])
-
-    def _write_goal(self, writer: TrialBagWriter, goal: messages.TrialGoal) -> None:
-        """Add the goal, with the time of the newest joint state, and have it on the disk before a crash."""
-        try:
-            writer.write(topics.TRIAL_GOAL, self._newest_ns, to_cdr("tel_interfaces/msg/TrialGoal", goal))
-            writer.flush()
-        except BagError:
-            writer.abandon()
-            raise
-
-    def _report_missing(self, bag: Path) -> None:
-        """Warn of lost messages that are not learned from; a lost tick fails the trial."""
-        self._missing = missing(self._stamps)
-        if self._missing:
-            lost = ", ".join(f"{n} of {topic}" for topic, n in self._missing.items())
-            self.get_logger().warning(f"{bag}: did not arrive: {lost}")
 
 
 def main() -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import METADATA_FILE, is_latched, open_any_bag, reading
+from tel_ros.recording.bag_format import METADATA_FILE, bag_information, is_latched, open_any_bag, reading
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
 from tel_ros.recording.trial_bag import check_sums
 from tel_ros.recording.trial_result import report_of
@@ -42,16 +44,10 @@ class Wholeness(Enum):
 
 @dataclass(frozen=True)
 class InspectedTopic:
-    """A topic of a bag.
+    """A topic of a bag: how many messages the bag announces, and how many can be read.
 
-    Args:
-        name: of the topic.
-        msgtype: of its messages.
-        announced: messages that the bag says it holds.
-        found: messages that can be read.
-        rate_hz: between the first and the last message; NaN for fewer than two.
-        longest_gap_s: between two messages; NaN for fewer than two.
-        latched: whether a replay keeps its newest message for those who come late.
+    ``rate_hz`` and ``longest_gap_s`` are NaN for fewer than two messages. ``latched``: whether a replay keeps
+    the newest message for late joiners.
     """
 
     name: str
@@ -68,17 +64,11 @@ class InspectedBag:
     """Everything that is to be said about a bag.
 
     Args:
-        path: of the bag.
-        wholeness: whether it is what was recorded.
         problem: what is wrong with it, in words; empty: nothing.
         storage: ``mcap``, ``sqlite3`` or ``rosbag1``.
         version: of the rosbag2 metadata; None: there are none.
-        size_bytes: of all its files.
-        start_ns: time of its first message.
-        duration_s: from the first message to the last.
         topics: sorted by name.
         trial: how it went, if it is the bag of a trial and can be read.
-        joints: of that trial.
         metadata: what was stored beside the messages.
     """
 
@@ -150,8 +140,7 @@ def _files(bag: Path) -> list[Path]:
 def _stored(bag: Path) -> tuple[int | None, dict[str, str]]:
     """Return version and custom data of a bag's metadata, as far as they are readable: opening says more."""
     try:
-        text = (bag / METADATA_FILE).read_text(encoding="utf-8")
-        information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        information = bag_information(bag)
         return int(information["version"]), dict(information.get("custom_data") or {})
     except (OSError, yaml.YAMLError, ValueError, KeyError, TypeError):
         return None, {}
@@ -159,22 +148,17 @@ def _stored(bag: Path) -> tuple[int | None, dict[str, str]]:
 
 def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
     """Return time of the first message, duration, and what there is of each topic."""
-    first: dict[tuple[str, int], int] = {}
-    last: dict[tuple[str, int], int] = {}
-    found: dict[tuple[str, int], int] = {}
-    gap: dict[tuple[str, int], int] = {}
+    times_ns = defaultdict[tuple[str, int], list[int]](list)
     for connection, time_ns, _ in reader.messages():
-        key = _key(connection)
-        if key in last:
-            gap[key] = max(gap.get(key, 0), time_ns - last[key])
-        first.setdefault(key, time_ns)
-        last[key] = time_ns
-        found[key] = found.get(key, 0) + 1
+        times_ns[_key(connection)].append(time_ns)
+    start_ns = min((times[0] for times in times_ns.values()), default=0)
+    end_ns = max((times[-1] for times in times_ns.values()), default=0)
     inspected = []
     for connection in sorted(reader.connections, key=_key):
-        key = _key(connection)
-        n = found.get(key, 0)
-        span_s = (last.get(key, 0) - first.get(key, 0)) / NS_PER_S
+        times = times_ns[_key(connection)]
+        n = len(times)
+        span_s = (times[-1] - times[0]) / NS_PER_S if times else 0.0
+        longest_gap_ns = max((later - earlier for earlier, later in pairwise(times)), default=math.nan)
         inspected.append(
             InspectedTopic(
                 name=connection.topic,
@@ -182,12 +166,11 @@ def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
                 announced=connection.msgcount,
                 found=n,
                 rate_hz=(n - 1) / span_s if span_s > 0.0 else math.nan,
-                longest_gap_s=gap[key] / NS_PER_S if key in gap else math.nan,
+                longest_gap_s=longest_gap_ns / NS_PER_S,
                 latched=is_latched(connection),
             )
         )
-    start_ns = min(first.values(), default=0)
-    return start_ns, (max(last.values(), default=0) - start_ns) / NS_PER_S, tuple(inspected)
+    return start_ns, (end_ns - start_ns) / NS_PER_S, tuple(inspected)
 
 
 def _key(connection: Connection) -> tuple[str, int]:

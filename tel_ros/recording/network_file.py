@@ -18,7 +18,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 from pathlib import Path
 from typing import get_args
 
@@ -29,6 +28,7 @@ from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
 from tel_ros.core.learning.registry import learner_kind
+from tel_ros.recording.shared_files import replacing
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
@@ -52,20 +52,13 @@ def save_network(learner: Learner, path: Path) -> None:
     Raises:
         NetworkFileError: the file cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     stored = learner.stored()
     arrays = _arrays(learner, stored)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with beside.open("wb") as file:
-                # The variadic parameter is typed for options, too, which mypy cannot tell from array names.
-                np.savez(file, header=np.array(_header(learner, stored)), **arrays)  # type: ignore[arg-type]
-                file.flush()
-                os.fsync(file.fileno())
-            beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
+        with replacing(path) as file:
+            # The variadic parameter is typed for options, too, which mypy cannot tell from array names.
+            np.savez(file, header=np.array(_header(learner, stored)), **arrays)  # type: ignore[arg-type]
     except OSError as error:
         raise NetworkFileError(path, f"cannot be written ({error})", "a file that can be written") from error
 
@@ -132,9 +125,8 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
     joints = tuple(described["joints"])
     low, high = arrays.pop("input_low"), arrays.pop("input_high")
     if low.shape != (3 * len(joints),) or high.shape != low.shape or not np.all(low < high):
-        raise NetworkFileError(
-            path, "input_high is not above input_low", "a range with a width for each input"
-        )
+        expected = "a range with a width for each input"
+        raise NetworkFileError(path, "input_high is not above input_low", expected)
     stiffness, damping = described["stiffness_nm_per_rad"], described["damping_nms_per_rad"]
     if not (
         len(stiffness) == len(damping) == len(joints)
@@ -145,8 +137,8 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
         raise NetworkFileError(path, found, f"a finite K > 0 and B >= 0 for each of {', '.join(joints)}")
     context = LearnerContext(
         joints=joints,
-        stiffness_nm_per_rad=tuple(described["stiffness_nm_per_rad"]),
-        damping_nms_per_rad=tuple(described["damping_nms_per_rad"]),
+        stiffness_nm_per_rad=tuple(stiffness),
+        damping_nms_per_rad=tuple(damping),
         input_range=InputRange(low, high),
         learning=LearningConfig(**described["learning"]),
         seed=int(described["seed"]),
@@ -155,14 +147,10 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
         std_factor=tuple(described.get("std_factor", ())),
     )
     if context.predicts not in get_args(Predicts):
-        raise NetworkFileError(
-            path, f"predicts {context.predicts!r}", f"one of {', '.join(get_args(Predicts))}"
-        )
-    if len(context.std_factor) not in (0, len(joints)) or not all(
-        0.0 < f < math.inf for f in context.std_factor
-    ):
-        raise NetworkFileError(
-            path, f"has the std_factor {context.std_factor}", "a finite number > 0 a joint"
-        )
+        expected = f"one of {', '.join(get_args(Predicts))}"
+        raise NetworkFileError(path, f"predicts {context.predicts!r}", expected)
+    factors = context.std_factor
+    if len(factors) not in (0, len(joints)) or not all(0.0 < factor < math.inf for factor in factors):
+        raise NetworkFileError(path, f"has the std_factor {factors}", "a finite number > 0 a joint")
     state = {name.removeprefix(_STATE): array for name, array in arrays.items()}
     return learner_kind(header["learner"]).restored(context, StoredLearner(header["state"], state))

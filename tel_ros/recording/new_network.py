@@ -46,10 +46,7 @@ def learner_context(config: Config) -> LearnerContext:
 def new_network(config: Config) -> Learner:
     """Return the learner that a configuration asks for: an untrained one, or that of an earlier run.
 
-    Raises:
-        ConfigError: there is no such learner, it cannot do what is asked, or the earlier run was of an arm
-            with other joints or springs.
-        NetworkFileError: the file of the earlier run is missing or not whole.
+    Raises ConfigError or, about the file of the earlier run, NetworkFileError.
     """
     if config.learning.start_from:
         return _earlier(config)
@@ -71,7 +68,6 @@ def _earlier(config: Config) -> Learner:
         ("damping_nms_per_rad", context.damping_nms_per_rad, arm.damping_nms_per_rad),
     ):
         if found != expected:
-            raise ConfigError(
-                "learning.start_from", file, f"a network for {name} {list(expected)}, not {list(found)}"
-            )
+            wanted = f"a network for {name} {list(expected)}, not {list(found)}"
+            raise ConfigError("learning.start_from", file, wanted)
     return learner

@@ -21,7 +21,6 @@ from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, save_network
-from tel_ros.recording.retraining import require_trainable
 from tel_ros.recording.run_folder import (
     CONFIG_FILE,
     LOG_FOLDER,
@@ -30,7 +29,7 @@ from tel_ros.recording.run_folder import (
     network_after,
     publish_network,
     read_summary,
-    trial_bag,
+    require_all_before_last,
     trial_bags,
     written_config,
 )
@@ -54,10 +53,6 @@ class RecordedNetwork:
     """The networks that a run has saved, as the network of a practice session.
 
     A trial that was recorded but not learned from to the end is learned from again, and the network saved.
-
-    Args:
-        folder: of the run.
-        config: of the run.
     """
 
     def __init__(self, folder: Path, config: Config) -> None:
@@ -104,17 +99,13 @@ class RecordedNetwork:
 
 @dataclass(frozen=True)
 class EarlierTrials:
-    """What a run had done before it was interrupted.
-
-    Args:
-        session: has gone through all trials; asks the saved networks, and has no arm.
-        rows: of the summary.
-        network_after: the trial whose network was the last one; 0: as the run began.
-    """
+    """What a run had done before it was interrupted, with the rows of its summary."""
 
     session: PracticeSession[Path]
+    """Has gone through all trials; asks the saved networks, and has no arm."""
     rows: tuple[TrialRow, ...]
     network_after: int
+    """The trial whose network was the last one; 0: as the run began."""
 
 
 def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = None) -> EarlierTrials:
@@ -123,10 +114,7 @@ def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = N
     A strategy is a state machine without clock, files or chance: fed with the recorded trials and the
     networks that there were, it is where it was. What it plans on the way has to be what was done.
 
-    Args:
-        folder: of the run.
-        config: of the run, with absolute file names.
-        bags: its whole trials, in order; None: all that have a name of their own.
+    ``bags``: its whole trials, in order; None: all that have a name of their own.
 
     Raises:
         BagError: a bag cannot be used, or is not of the trial that the strategy plans there.
@@ -137,9 +125,8 @@ def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = N
     network = RecordedNetwork(folder, config)
     paths = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
     session = PracticeSession(config, *paths, make_strategy(config), None, network)
-    stored = (
-        {int(row["index"]): row for row in read_summary(folder)["trials"]} if _has_summary(folder) else {}
-    )
+    summarised = read_summary(folder)["trials"] if (folder / SUMMARY_FILE).exists() else ()
+    stored = {int(row["index"]): row for row in summarised}
     rows: list[TrialRow] = []
     for bag in trial_bags(folder) if bags is None else bags:
         decision, report = session.next(), read_report(bag)
@@ -151,10 +138,6 @@ def earlier_trials(folder: Path, config: Config, bags: Sequence[Path] | None = N
         done = session.replay_trial(plan, report, bag)
         rows.append(TrialRow.of(done, bag.name, network.row.wall_s if network.row else math.nan))
     return EarlierTrials(session, tuple(rows), network.after)
-
-
-def _has_summary(folder: Path) -> bool:
-    return (folder / SUMMARY_FILE).exists()
 
 
 def _as_planned(bag: Path, decision: PlannedTrial | Ending, report: TrialReport) -> PlannedTrial:
@@ -181,24 +164,14 @@ def _require_same_row(folder: Path, row: TrialRow, stored: Mapping[str, Any]) ->
 
 @dataclass(frozen=True)
 class Resumption:
-    """What a resumed run goes on from.
-
-    Args:
-        trials: number of whole trials.
-        set_aside: what was moved, and why: new place to reason.
-    """
+    """What a resumed run goes on from: number of whole trials; what was set aside (new place), and why."""
 
     trials: int
     set_aside: dict[Path, str]
 
 
 def resumed_config(folder: Path) -> Config:
-    """Return the configuration of a run that is to go on, with absolute file names.
-
-    Raises:
-        InputFileError: the folder holds no run, or its files are not readable.
-        ConfigError: its configuration is wrong.
-    """
+    """Return the configuration of a run that is to go on; InputFileError if there is none."""
     if not (folder / CONFIG_FILE).is_file():
         found = f"has no {CONFIG_FILE}" if folder.is_dir() else "there is no such folder"
         raise InputFileError(folder, found, "the folder of a practice run")
@@ -211,10 +184,6 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
     What cannot be gone on from (a bag that was never closed, a trial that was cancelled, a last bag that is
     damaged, the logs) is moved to ``set_aside/``, never deleted. A trial that was recorded but not learned
     from to the end is learned from again.
-
-    Args:
-        folder: of the run.
-        config: as returned by :func:`resumed_config`.
 
     Raises:
         InputFileError: the run is finished, or its files do not fit together; nothing was moved.
@@ -240,17 +209,11 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
 def _whole_bags(folder: Path) -> tuple[list[Path], dict[Path, str]]:
     """Return the bags to go on from, and the last one if it is none of them, with the reason."""
     bags, cut_off = trial_bags(folder), {}
-    if bags:
-        why_not = _why_not(bags[-1])
-        if why_not:
-            cut_off[bags.pop()] = why_not
-    for index, bag in enumerate(bags, start=1):
-        if bag != trial_bag(folder, index):
-            raise BagError(
-                trial_bag(folder, index), "there is no such folder", f"one, as {bag.name} is there"
-            )
-        why_not = _why_not(bag)
-        if why_not:
+    if bags and (why_not := _why_not(bags[-1])):
+        cut_off[bags.pop()] = why_not
+    require_all_before_last(folder, bags)
+    for bag in bags:
+        if why_not := _why_not(bag):
             raise BagError(bag, why_not, "a whole trial: another one follows")
     return bags, cut_off
 
@@ -258,7 +221,6 @@ def _whole_bags(folder: Path) -> tuple[list[Path], dict[Path, str]]:
 def _why_not(bag: Path) -> str:
     """Return why a run cannot go on from a trial; empty: it can."""
     try:
-        require_trainable(bag)
         report = read_report(bag)
     except BagError as error:
         return error.found

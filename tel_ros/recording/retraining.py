@@ -16,12 +16,11 @@ from tel_ros.core.errors import BagError, InputFileError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.practice.learner_network import trained
 from tel_ros.core.practice.session import learned_or_passed_over
-from tel_ros.recording.bag_writer import RECOVERED
 from tel_ros.recording.config_file import with_overrides
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.provenance import stored_config, stored_urdf, unpacked_config
-from tel_ros.recording.run_folder import is_run_folder, trial_bag, trial_bags
+from tel_ros.recording.run_folder import is_run_folder, require_all_before_last, trial_bag, trial_bags
 from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, RecordedTrial, read_metadata, read_trial
 
 _CHANGEABLE = ("learning", "seed")
@@ -29,35 +28,27 @@ _CHANGEABLE = ("learning", "seed")
 
 @dataclass(frozen=True)
 class Lesson:
-    """What one bag has taught.
-
-    Args:
-        trial: as recorded.
-        recorded_revision: of the network that commanded the trial; empty if the bag does not tell.
-        revision: of the network that was there before this bag, now.
-        learner: as it is after this bag.
-        training: what learning did; None if the trial was not learned from.
-        note: why it was not learned from, or which network was gone back to.
-    """
+    """What one bag has taught."""
 
     trial: RecordedTrial
     recorded_revision: str
+    """Of the network that commanded the trial; empty if the bag does not tell."""
     revision: str
+    """Of the network that was there before this bag, now."""
     learner: Learner
+    """As it is after this bag."""
     training: TrainingOutcome | None
+    """None if the trial was not learned from."""
     note: str = ""
+    """Why it was not learned from, or which network was gone back to."""
 
 
 @dataclass(frozen=True)
 class Retraining:
-    """What came out of learning from bags.
+    """What came out of learning from bags: the file of the network, its revision, and one row a bag as JSON.
 
-    Args:
-        network: the file.
-        revision: of the network in it.
-        lessons: one row a bag, values that JSON can hold.
-        differs_at: the first bag that another network had commanded than there was here; empty: none.
-        unknown: whether some bag does not tell which network commanded it.
+    ``differs_at``: the first bag that another network had commanded than there was here; empty: none.
+    ``unknown``: whether some bag does not tell which network commanded it.
     """
 
     network: Path
@@ -111,7 +102,7 @@ def train(
         raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
     bags = bags_of(paths)
     with tempfile.TemporaryDirectory(prefix="tel_train_") as folder:
-        config = unpacked_config(bags[0], require_trainable(bags[0]), Path(folder))
+        config = unpacked_config(bags[0], read_metadata(bags[0]), Path(folder))
         config = with_overrides(config, overrides, _CHANGEABLE, str(bags[0]))
         learner = new_network(config)
         rows = []
@@ -163,23 +154,10 @@ def bags_of(paths: Sequence[Path]) -> list[Path]:
     for k, bag in enumerate(bags):
         if bag.resolve() in [earlier.resolve() for earlier in bags[:k]]:
             raise BagError(bag, "is named twice", "each bag once")
-        require_trainable(bag)
+        read_metadata(bag)
     if not bags:
         raise BagError("(none)", "no bag is named", "bags of trials, or folders of runs")
     return bags
-
-
-def require_trainable(bag: Path) -> dict[str, str]:
-    """Return the metadata of a bag that may be learned from.
-
-    Raises:
-        BagError: it was never closed, or what a crash left of it was recovered.
-    """
-    metadata = read_metadata(bag)
-    if metadata.get(RECOVERED):
-        found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
-        raise BagError(bag, found, "a bag that was closed by its recorder")
-    return metadata
 
 
 def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterator[Lesson]:
@@ -197,7 +175,7 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
             back to the network after a trial whose bag is not among those before it.
         TrainingError: a trial that was completed cannot be learned from, and ``practice.on_abort`` is stop.
     """
-    metadata = [require_trainable(bag) for bag in bags]
+    metadata = [read_metadata(bag) for bag in bags]
     require_same_arm(list(zip(bags, metadata, strict=True)))
     wanted = [_gone_back_to(bag, values) for bag, values in zip(bags, metadata, strict=True)]
     kept: dict[tuple[Path, int], Learner] = {}
@@ -275,9 +253,7 @@ def _trials_of(run: Path) -> list[Path]:
     bags = trial_bags(run)
     if not bags:
         raise BagError(run, "holds no trials", "the folder of a run with trial_001 and so on")
-    for index, bag in enumerate(bags, start=1):
-        if bag != trial_bag(run, index):
-            raise BagError(trial_bag(run, index), "there is no such folder", f"one, as {bag.name} is there")
+    require_all_before_last(run, bags)
     return bags
 
 

@@ -9,16 +9,17 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tel_ros.core.config import Config, file_values, with_files
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.config import Config, file_keys, file_values, with_files
+from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.recording.bag_writer import UNFINISHED
-from tel_ros.recording.config_file import config_from, dump_config, read_yaml
+from tel_ros.recording.config_file import config_from, dump_config, flat_values, load_config, read_yaml
 from tel_ros.recording.provenance import versions
+from tel_ros.recording.shared_files import replacing
 
 CONFIG_FILE = "run.yaml"
 SUMMARY_FILE = "summary.json"
@@ -58,10 +59,12 @@ def create_run_folder(folder: Path, config: Config) -> Config:
 def open_run_folder(folder: Path, config: Config) -> Config:
     """Return the configuration that is written in the folder of a new run; a missing folder is made.
 
+    What is written there has to be ``config``: bags store the former, practice follows the latter.
+
     Raises:
-        InputFileError: the folder holds no run's configuration, or more than that, or cannot be made; or the
-            configuration is not readable.
-        ConfigError: its configuration is wrong.
+        InputFileError: the folder holds no run's configuration, another one, or more than that, or cannot be
+            made.
+        ConfigError: the configuration in it is wrong.
     """
     if not folder.exists():
         return create_run_folder(folder, config)
@@ -69,16 +72,22 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     made_by_runs = [folder / SUMMARY_FILE, folder / UNFINISHED, *folder.glob("trial_*")]
     if not file.exists() or any(path.exists() for path in made_by_runs):
         raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
+    used = flat_values(config)
+    for key, value in flat_values(load_config(file)).items():
+        names_files = key in file_keys() and value and used[key]
+        same = (
+            Path(value).read_bytes() == Path(used[key]).read_bytes()
+            if names_files
+            else value == used.get(key)
+        )
+        if not same and not key.startswith("versions"):
+            expected = f"{used[key]!r}, as in the configuration of the nodes, or a new folder"
+            raise InputFileError(file, f"{key} is {value!r}", expected)
     return written_config(folder)
 
 
 def written_config(folder: Path) -> Config:
-    """Return the configuration of a run as it is written in its folder, files named relative to it.
-
-    Raises:
-        InputFileError: it is not readable.
-        ConfigError: it is wrong.
-    """
+    """Return the configuration of a run as it is written in its folder, files named relative to it."""
     file = folder / CONFIG_FILE
     return config_from(read_yaml(file), lambda key: str(file))
 
@@ -97,6 +106,14 @@ def trial_bags(folder: Path) -> list[Path]:
     """Return the bags in the folder of a run, in the order of the trials."""
     bags = [bag for bag in folder.glob("trial_*") if bag.name.removeprefix("trial_").isdigit()]
     return sorted(bags, key=lambda bag: int(bag.name.removeprefix("trial_")))
+
+
+def require_all_before_last(folder: Path, bags: Sequence[Path]) -> None:
+    """Raise a BagError if a trial before the last one of a run has no bag."""
+    for index, bag in enumerate(bags, start=1):
+        if bag != trial_bag(folder, index):
+            found = "there is no such folder"
+            raise BagError(trial_bag(folder, index), found, f"one, as {bag.name} is there")
 
 
 def network_after(folder: Path, index: int) -> Path:
@@ -135,11 +152,7 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Return the summary of a run.
-
-    Raises:
-        InputFileError: there is none, or it is not readable.
-    """
+    """Return the summary of a run; InputFileError if there is none, or it is not readable."""
     file = folder / SUMMARY_FILE
     try:
         summary: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
@@ -152,12 +165,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def write_atomically(path: Path, text: str) -> None:
     """Write a text file so that a reader finds the old one or the new one, never half of one."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 def json_ready(value: Any) -> Any:
@@ -173,13 +182,8 @@ def json_ready(value: Any) -> Any:
 def run_lock(folder: Path) -> Iterator[None]:
     """Hold the folder of a run; the operating system gives it free when this process ends, however it ends.
 
-    File systems that know no locks do without.
-
-    Args:
-        folder: of the run, with its configuration.
-
-    Raises:
-        InputFileError: another process holds it, or it has no configuration.
+    File systems that know no locks do without. Raises InputFileError if another process holds it, or it has
+    no configuration.
     """
     try:
         file = (folder / CONFIG_FILE).open("rb")

@@ -1,11 +1,14 @@
-"""Files that come with packages: ours, and those that a configuration names; the shipped configurations."""
+"""Files: those that come with packages, the shipped configurations; files that are replaced as a whole."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from typing import BinaryIO
 
 from tel_ros.core.errors import InputFileError
 
@@ -87,3 +90,17 @@ def summary_of(config_file: Path) -> str:
             break
         comment.append(line.lstrip("# "))
     return re.split(r"(?<=\.)\s(?=[A-Z])", " ".join(comment), maxsplit=1)[0]
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Open a new file that takes the place of another one once it is whole and on the disk."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)

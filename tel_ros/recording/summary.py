@@ -34,13 +34,7 @@ class TrialRow(TrialReport):
 
     @classmethod
     def of(cls, done: PractisedTrial[Any], bag: str, wall_s: float = math.nan) -> Self:
-        """Return the row of a trial.
-
-        Args:
-            done: the trial.
-            bag: name of its bag.
-            wall_s: what it took by the wall clock, learning included.
-        """
+        """Return the row of a trial; ``wall_s``: what it took by the wall clock, learning included."""
         plan, training = done.plan, done.training
         learned: dict[str, Any] = {}
         if training is not None:
@@ -78,12 +72,7 @@ class TrialRow(TrialReport):
 
 
 class RunSummary:
-    """Grows trial by trial and is written after each of them.
-
-    Args:
-        folder: of the run.
-        config: of the run, as written into its folder.
-    """
+    """Grows trial by trial and is written after each; ``config`` is that which the run's folder holds."""
 
     def __init__(self, folder: Path, config: Config) -> None:
         self._folder, self._config = folder, config

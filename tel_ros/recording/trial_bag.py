@@ -20,11 +20,14 @@ from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording import topics
+from tel_ros.recording.bag_format import METADATA_FILE, all_messages, bag_information, reading
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
+from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.config_file import config_from, dump_config
 from tel_ros.recording.provenance import stored_files
 from tel_ros.recording.trial_result import report_of
 
+_EXPECTED = "a closed rosbag2 folder of a trial"
 GO_BACK_TO = "go_back_to"
 """In the metadata: the trial whose network was gone back to before this one; empty: none."""
 REVISION = "network_revision"
@@ -35,27 +38,21 @@ REVISION = "network_revision"
 class RecordedTrial(Trial):
     """A trial as it lies in its bag.
 
-    Args:
-        bag: folder of the bag.
-        metadata: what was stored beside the messages.
-        command_std_rad: standard deviation that the network expected of the error in û, for the ticks of RUN
-            (the last holds for those beyond the trajectory). Shape (n_run, n_joints); inf where it knew
-            nothing, or if the bag does not tell.
+    ``metadata``: what was stored beside the messages.
     """
 
     bag: Path
     metadata: Mapping[str, str]
     command_std_rad: FloatArray
+    """Standard deviation that the network expected of the error in û, for the ticks of RUN (the last holds
+    for those beyond the trajectory). Shape (n_run, n_joints); inf where it or the bag does not tell."""
 
 
 def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision: str) -> dict[str, str]:
     """Return the custom data of a trial's bag: all that it takes to plan, repeat and learn from the trial.
 
-    Args:
-        plan: of the trial.
-        config: of the run, with files that can be read.
-        written: the same as it is written in the run's folder.
-        revision: of the network that has predicted the command.
+    ``config`` names files that can be read; ``written`` is the same as it is written in the run's folder.
+    ``revision``: of the network that has predicted the command.
     """
     return {
         "config": dump_config(written),
@@ -75,34 +72,27 @@ def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision
 def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
     """Read a trial and check that it is whole.
 
-    Args:
-        bag: folder of the bag.
-        recovered: whether a bag that was recovered after a crash will do, for a person who wants to look: its
-            end may be missing. Where there is no result, the outcome is ``ABORTED``; the message says why.
+    With ``recovered`` a bag that was recovered after a crash will do, for a person who wants to look: its end
+    may be missing. Where there is no result, the outcome is ``ABORTED``; the message says why.
 
     Raises:
         BagError: there is no closed bag, its data have changed since they were recorded, it was recovered
             after a crash, it does not hold what a trial holds, it yields fewer messages than it announces, or
             fewer control states than the trial had ticks.
     """
-    metadata = read_metadata(bag)
-    if not recovered:
-        _refuse_recovered(bag, metadata)
+    metadata = read_metadata(bag, recovered=recovered)
     with _opened(bag) as reader:
-        states = _messages(reader, bag, topics.CONTROL_STATES)
-        results = _messages(reader, bag, topics.TRIAL_RESULT)
-        goals = _messages(reader, bag, topics.TRIAL_GOAL)
+        states, results, goals = (
+            [message for _, message in _messages(reader, bag, topic)]
+            for topic in (topics.CONTROL_STATES, topics.TRIAL_RESULT, topics.TRIAL_GOAL)
+        )
         if RECOVERED in metadata and not results and goals:
             results = [None]
         return _trial(bag, metadata, states, results, goals)
 
 
 def read_report(bag: Path) -> TrialReport:
-    """Return the report of a recorded trial.
-
-    Raises:
-        BagError: as for :func:`check_bag`, or it does not hold exactly one result.
-    """
+    """Return the report of a recorded trial; BagError also if it does not hold exactly one result."""
     results = read_topic(bag, topics.TRIAL_RESULT)
     if len(results) != 1:
         raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
@@ -115,40 +105,25 @@ def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
     Raises:
         BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
     """
-    _refuse_recovered(bag, read_metadata(bag))
+    read_metadata(bag)
     with _opened(bag) as reader:
-        return _timed_messages(reader, bag, topic)
+        return _messages(reader, bag, topic)
 
 
 def check_bag(bag: Path) -> None:
-    """Make sure that a bag is closed, unchanged and can be opened. Its messages are not read.
-
-    Raises:
-        BagError: it is not, or it was recovered after a crash.
-    """
-    _refuse_recovered(bag, read_metadata(bag))
+    """Raise BagError unless a bag is closed, unchanged, not recovered and can be opened; reads no message."""
+    read_metadata(bag)
     with _opened(bag):
         pass
-
-
-def _refuse_recovered(bag: Path, metadata: Mapping[str, str]) -> None:
-    if RECOVERED in metadata:
-        found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
-        raise BagError(bag, found, "a bag that was recorded to its end")
 
 
 @contextmanager
 def _opened(bag: Path) -> Iterator[AnyReader]:
     """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError."""
-    try:
+    with reading(bag, _EXPECTED):
         check_sums(bag)
         with AnyReader([bag]) as reader:
             yield reader
-    except BagError:
-        raise
-    except Exception as error:  # damaged bytes make the reader and its libraries raise whatever they raise
-        found = f"cannot be read ({' '.join(str(error).split())})"
-        raise BagError(bag, found, "a closed rosbag2 folder of a trial") from error
 
 
 def check_sums(bag: Path) -> None:
@@ -187,20 +162,16 @@ def _trial(
             raise BagError(bag, f"holds {lengths.pop()} values in {name}", expected)
         return np.array(values).reshape(len(states), len(joints))
 
-    desired = [
-        column(f"desired_{name}") for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
-    ]
+    derivatives = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
     phase = np.array([state.phase for state in states], dtype=np.int64)
     return RecordedTrial(
         bag=bag,
         metadata=metadata,
         report=report,
         joints=joints,
-        time_ns=np.array(
-            [s.header.stamp.sec * NS_PER_S + s.header.stamp.nanosec for s in states], dtype=np.int64
-        ),
+        time_ns=np.array([time_ns(state.header.stamp) for state in states], dtype=np.int64),
         phase=phase,
-        desired=np.hstack(desired),
+        desired=np.hstack([column(f"desired_{name}") for name in derivatives]),
         equilibrium_rad=column("equilibrium_rad"),
         position_rad=column("position_rad"),
         velocity_rad_s=column("velocity_rad_s"),
@@ -263,44 +234,33 @@ def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
     return std
 
 
-def read_metadata(bag: Path) -> dict[str, str]:
+def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
     """Return what was stored beside the messages of a closed bag.
 
     Raises:
-        BagError: there is no closed bag, or its metadata are not readable.
+        BagError: there is no closed bag, its metadata are not readable, or it was recovered after a crash and
+            that will not do.
     """
-    file = bag / "metadata.yaml"
+    file = bag / METADATA_FILE
     if not file.is_file():
         found = "there is no such folder" if not bag.is_dir() else "has no metadata.yaml: it was never closed"
-        raise BagError(bag, found, "a closed rosbag2 folder of a trial")
+        raise BagError(bag, found, _EXPECTED)
     try:
-        information = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        return dict(information.get("custom_data") or {})
+        metadata = dict(bag_information(bag).get("custom_data") or {})
     except (yaml.YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         found = f"not readable ({' '.join(str(error).split())})"
         raise BagError(file, found, "the metadata of a rosbag2 folder") from error
+    if RECOVERED in metadata and not recovered:
+        found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
+        raise BagError(bag, found, "a bag that was recorded to its end")
+    return metadata
 
 
-def _messages(reader: AnyReader, bag: Path, topic: str) -> list[Any]:
-    return [message for _, message in _timed_messages(reader, bag, topic)]
-
-
-def _timed_messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
+def _messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
     connections = [c for c in reader.connections if topics.is_named(c.topic, topic)]
     if not connections:
         raise BagError(bag, f"has no topic {topics.absolute(topic)}", "a bag of a trial")
-    messages = [
-        (time_ns, reader.deserialize(raw, c.msgtype))
-        for c, time_ns, raw in reader.messages(connections=connections)
-    ]
-    announced = sum(connection.msgcount for connection in connections)
-    if len(messages) != announced:
-        raise BagError(
-            bag,
-            f"yields {len(messages)} messages of {connections[0].topic}",
-            f"the {announced} that it announces",
-        )
-    return messages
+    return all_messages(bag, reader, connections)
 
 
 def read_arm_record(
@@ -316,10 +276,10 @@ def read_arm_record(
         BagError: the bag cannot be read, or holds no joint states.
     """
     states = {
-        time_ns: (tuple(state.position.tolist()), tuple(state.velocity.tolist()))
-        for time_ns, state in read_topic(bag, topics.JOINT_STATES)
+        stamp_ns: (tuple(state.position.tolist()), tuple(state.velocity.tolist()))
+        for stamp_ns, state in read_topic(bag, topics.JOINT_STATES)
     }
     if not states:
         raise BagError(bag, "holds no joint states", "those of a trial")
     commands = read_topic(bag, command_topic)
-    return states, [(time_ns, tuple(command.data.tolist())) for time_ns, command in commands]
+    return states, [(stamp_ns, tuple(command.data.tolist())) for stamp_ns, command in commands]

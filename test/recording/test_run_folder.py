@@ -123,9 +123,29 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, config: Config)
 def test_a_new_run_is_opened_with_the_configuration_that_lies_in_its_folder(
     folder: Path, config: Config
 ) -> None:
+    """Its files are copies under other names."""
     written = create_run_folder(folder, config)
-    other = dataclasses.replace(config, seed=99)
-    assert open_run_folder(folder, other) == written
+    assert open_run_folder(folder, config) == written
+    assert open_run_folder(folder, load_config(folder / CONFIG_FILE)) == written
+
+
+def test_a_folder_with_another_configuration_than_the_nodes_have_is_refused(
+    folder: Path, config: Config, tmp_path: Path
+) -> None:
+    """Its bags would tell what the run did not do."""
+    create_run_folder(folder, config)
+    expected = "; expected 99, as in the configuration of the nodes, or a new folder"
+    with pytest.raises(InputFileError) as refusal:
+        open_run_folder(folder, dataclasses.replace(config, seed=99))
+    assert str(refusal.value) == f"{folder / CONFIG_FILE}: seed is {config.seed}{expected}"
+
+    urdf = tmp_path / "other.urdf"
+    urdf.write_text(Path(config.arm.urdf).read_text() + "<!-- changed -->")
+    other_arm = dataclasses.replace(config.arm, urdf=str(urdf))
+    with pytest.raises(
+        InputFileError, match=r"run\.yaml: arm\.urdf is '.*'; expected '.*other\.urdf', as in"
+    ):
+        open_run_folder(folder, dataclasses.replace(config, arm=other_arm))
 
 
 def test_a_missing_folder_is_made_when_it_is_opened(folder: Path, config: Config) -> None:
