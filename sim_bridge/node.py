@@ -78,7 +78,7 @@ class SimBridgeNode(Node):
             self.get_logger().warning(RESTS)
         n_joints = len(config.arm.joints)
         self._layout = JointStateLayout(config.arm.joints, (n_joints, n_joints, n_joints))
-        self._reader = command_reader()
+        self._read_command = command_reader()
         self._command: Sequence[float] | None = None
         self._silent_periods = 0
         self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
@@ -144,7 +144,7 @@ class SimBridgeNode(Node):
     def _read(self, raw: bytes) -> CommandNumbers | None:
         """Return a command; what is none is ignored."""
         try:
-            return self._reader.read(raw)
+            return self._read_command(raw)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -23,49 +23,39 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 
 COMPLAINT_PERIOD_S = 1.0
-WATCHDOG_PERIOD_S = 0.02
-_OWN_LABEL = topics.ARM_GUARD.encode()
 LOOK_PERIODS = 5.0
 """Joint states that fail to come: after so many, this process or the arm stood still, not the controller."""
+_OWN_LABEL = topics.ARM_GUARD.encode()
 
 
 class ArmGuardNode(Node):
-    """Hears states and commands, and is silent while commands come.
-
-    Its own process: it lives when the controller has crashed, was killed or hangs. It hears its own commands
-    as well, and knows them by their label.
-    """
+    """Hears states and commands, and is silent while commands come; knows its own by their label."""
 
     def __init__(self) -> None:
         super().__init__(topics.ARM_GUARD)
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         self._guard = CommandGuard(config.arm, config.control, config.safety)
         self._gate = StateGate(config.arm, config.control, config.safety.clock_drift)
-        self._reader, self._command_reader = joint_state_reader(), command_reader()
+        self._read_state, self._read_command = joint_state_reader(), command_reader()
         self._awake = AwakeClock(LOOK_PERIODS / config.control.rate_hz, time.monotonic())
         self._channel = CommandChannel(self, "effort", author=topics.ARM_GUARD)
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s
         self._state_at = time.monotonic()
         self._blind = config.arm_waits_for_commands
-        self._takeovers = 0
-        self._commands = 0
-        self.busy_subscriptions: list[Subscription] = []
+        self._takeovers = self._commands = 0
         if config.arm_waits_for_commands:
             self.get_logger().warning("sim.clock is 'lockstep': the arm waits for commands, nothing to guard")
         else:
             self._channel.open(self._guard.safety)
-            self._listen()
-        self.create_timer(WATCHDOG_PERIOD_S, self._watch_states)
+            # Commands first: one that came with a state is heard before the guard judges whether one came.
+            self.busy_subscriptions = [
+                busy_subscription(self, Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
+                busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state),
+            ]
+            self.get_logger().info(f"watches {self._channel.topic}")
+        self.create_timer(0.02, self._watch_states)
         self._diagnostics = Diagnostics(self, "command watch", config.arm.name, self._health)
-
-    def _listen(self) -> None:
-        # Commands first: one that came with a state is heard before the guard judges whether one came.
-        self.busy_subscriptions = [
-            busy_subscription(self, Float64MultiArray, topics.EFFORT_COMMANDS, self._on_command),
-            busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state),
-        ]
-        self.get_logger().info(f"watches {self._channel.topic}")
 
     def stop(self) -> None:
         """Go on watching until there is nothing to watch."""
@@ -84,7 +74,7 @@ class ArmGuardNode(Node):
 
     def _on_command(self, raw: bytes) -> None:
         try:
-            command = self._command_reader.read(raw)
+            command = self._read_command(raw)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
@@ -98,14 +88,13 @@ class ArmGuardNode(Node):
     def _on_joint_state(self, raw: bytes) -> None:
         arrived_ns = time.monotonic_ns()
         try:
-            state = self._gate.admit(*self._reader.read(raw), arrived_ns)
+            state = self._gate.admit(*self._read_state(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
         self._state_at, self._blind = arrived_ns / NS_PER_S, False
         now_s, was_active = self._awake.look(self._state_at), self._guard.active
-        answer = self._guard.on_state(state, now_s)
-        if answer is None:
+        if self._guard.on_state(state, now_s) is None:
             return
         self._channel.send(state.time_ns)
         if not was_active:
@@ -131,18 +120,15 @@ class ArmGuardNode(Node):
             "joint_state_age_s": f"{time.monotonic() - self._state_at:.3f}",
         }
         if not self._guard.active:
-            told = f"watches the commands; took over {self._takeovers} times" if self._takeovers else ""
-            return Health(Level.WARN if told else Level.OK, told or "watches the commands", values)
+            told = f"; took over {self._takeovers} times" if self._takeovers else ""
+            return Health(Level.WARN if told else Level.OK, f"watches the commands{told}", values)
         if self._blind:
             return Health(Level.ERROR, "commands and joint states have stopped: zero effort", values)
         done = "the arm rests" if self._guard.at_final_effort else "the arm is braked"
         return Health(Level.ERROR, f"commands have stopped: {done}", values)
 
 
-def main() -> None:
-    """Run the node."""
-    run_node(ArmGuardNode)
-
+main = partial(run_node, ArmGuardNode)
 
 if __name__ == "__main__":
     main()

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal
 
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from tel_ros.core.types import FloatArray
+from tel_ros.core.control.set_point import SetPointGuard
+from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.cdr import packed_command
 
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-
-
-class CommandSource(Protocol):
-    """What has the last word on commands: the safety layer, or the guard of set points behind it."""
-
-    @property
-    def last_command(self) -> FloatArray | None:
-        """Efforts in N·m or set points in rad, shape (n_joints,); None: there has been none."""
 
 
 class CommandChannel:
@@ -38,13 +31,13 @@ class CommandChannel:
 
     def __init__(self, node: Node, interface: Literal["effort", "position"], author: str = "") -> None:
         self._node, self._interface, self._author = node, interface, author
-        self._source: CommandSource | None = None
+        self._source: SafetyLayer | SetPointGuard | None = None
         self._newest: bytes | None = None
         self._pub = node.create_publisher(Float64MultiArray, topics.COMMANDS[interface], qos.STREAM)
         self.topic: str = self._pub.topic_name
 
-    def open(self, source: CommandSource) -> None:
-        """Pass on, from now on, what this source permits."""
+    def open(self, source: SafetyLayer | SetPointGuard) -> None:
+        """Pass on, from now on, what this source permits: it has the last word on commands."""
         self._source = source
 
     def shut(self) -> None:
@@ -83,10 +76,7 @@ class CommandChannel:
 
 
 class CompetingPublishers:
-    """Looks for others that command the arm, and for a second publisher of its states.
-
-    A publisher whose node is not known yet is not counted.
-    """
+    """Looks for others that command the arm, and for a second publisher of its states."""
 
     def __init__(self, node: Node, command_topic: str) -> None:
         self._node = node
@@ -98,10 +88,6 @@ class CompetingPublishers:
         """Which nodes command the arm as well; empty: none, apart from the guard."""
         self.of_states = ""
         """Which nodes publish joint states; empty: one at most."""
-
-    def __str__(self) -> str:
-        """Return what is wrong; empty: nothing."""
-        return self.of_states or self.of_commands
 
     def look(self) -> None:
         """Look again."""
@@ -117,7 +103,7 @@ class CompetingPublishers:
         )
 
     def _publishers(self, topic: str) -> list[str]:
-        """Return the node of each publisher of a topic, if there are several."""
+        """Return the node of each publisher of a topic, as far as it is known, if there are several."""
         # Counting costs little, asking for names does not.
         if self._node.count_publishers(topic) <= 1:
             return []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,14 +26,10 @@ from tel_ros.recording.cdr import (
     CommandNumbers,
     JointStateLayout,
     JointStateNumbers,
-    MessageReader,
+    message_reader,
+    time_ns,
 )
 from tel_ros.recording.trial_result import result_fields
-
-
-def time_ns(stamp: Time | Duration) -> int:
-    """Return a time or duration in nanoseconds."""
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def to_time(ns: int) -> Time:
@@ -46,33 +42,30 @@ def to_array(values: FloatArray) -> array[float]:
     return array("d", values.tobytes())
 
 
-def answering_label(message: Float64MultiArray) -> bytes:
-    """Return the label of a command: of several the first that can be the stamp of a joint state."""
-    labels = [dimension.label for dimension in message.layout.dim]
-    return next((label for label in labels if label.isdecimal()), next(iter(labels), "")).encode()
-
-
 def joint_state_numbers(message: JointState) -> JointStateNumbers:
     """Return what a joint state says."""
     stamp_ns = time_ns(message.header.stamp)
     return JointStateNumbers(message.name, stamp_ns, message.position, message.velocity, message.effort)
 
 
-def joint_state_reader() -> MessageReader[JointStateNumbers]:
+def joint_state_reader() -> Callable[[bytes], JointStateNumbers]:
     """Return a reader of joint states as bytes; what rclpy cannot read is a StateError."""
-    return MessageReader(
+    return message_reader(
         JointStateLayout, lambda raw: joint_state_numbers(_deserialised(raw, JointState, "joint state"))
     )
 
 
-def command_reader() -> MessageReader[CommandNumbers]:
+def command_reader() -> Callable[[bytes], CommandNumbers]:
     """Return a reader of commands as bytes; what rclpy cannot read is a StateError."""
 
     def otherwise(raw: bytes) -> CommandNumbers:
         message = _deserialised(raw, Float64MultiArray, "command")
-        return CommandNumbers(answering_label(message), tuple(message.data))
+        labels = [dimension.label for dimension in message.layout.dim]
+        # Of several labels the first that can be the stamp of a joint state.
+        label = next((label for label in labels if label.isdecimal()), next(iter(labels), ""))
+        return CommandNumbers(label.encode(), tuple(message.data))
 
-    return MessageReader(CommandLayout, otherwise)
+    return message_reader(CommandLayout, otherwise)
 
 
 def _deserialised(raw: bytes, kind: type, what: str) -> Any:
@@ -91,24 +84,16 @@ def idle_state(state: ArmState) -> ControlState:
     return message
 
 
-def to_trajectory_message(
-    joints: Sequence[str],
-    times_ns: IntArray,
-    position_rad: FloatArray,
-    velocity_rad_s: FloatArray | None = None,
-    acceleration_rad_s2: FloatArray | None = None,
-) -> JointTrajectory:
-    """Return a trajectory message; arrays of shape (n, n_joints), missing ones are left empty."""
-    message = JointTrajectory(joint_names=list(joints))
-    for k, ns in enumerate(times_ns.tolist()):
-        point = JointTrajectoryPoint(positions=to_array(position_rad[k]))
-        if velocity_rad_s is not None:
-            point.velocities = to_array(velocity_rad_s[k])
-        if acceleration_rad_s2 is not None:
-            point.accelerations = to_array(acceleration_rad_s2[k])
-        point.time_from_start = Duration(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
-        message.points.append(point)
-    return message
+def to_trajectory_message(joints: Sequence[str], times_ns: IntArray, **fields: FloatArray) -> JointTrajectory:
+    """Return a trajectory message; ``fields`` of its points, each of shape (n, n_joints)."""
+    points = [
+        JointTrajectoryPoint(
+            time_from_start=Duration(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S),
+            **{name: to_array(values[k]) for name, values in fields.items()},
+        )
+        for k, ns in enumerate(times_ns.tolist())
+    ]
+    return JointTrajectory(joint_names=list(joints), points=points)
 
 
 def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointTrajectory:
@@ -116,9 +101,9 @@ def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointT
     return to_trajectory_message(
         joints,
         desired.time_ns,
-        desired.position_rad,
-        desired.velocity_rad_s,
-        desired.acceleration_rad_s2,
+        positions=desired.position_rad,
+        velocities=desired.velocity_rad_s,
+        accelerations=desired.acceleration_rad_s2,
     )
 
 
@@ -126,8 +111,7 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
     """Return the desired trajectory of a message, its columns in the order of ``joints``.
 
     Raises:
-        TrajectoryError: other joints, points without positions, velocities or accelerations, or whatever
-            :class:`DesiredTrajectory` refuses.
+        TrajectoryError: other joints, incomplete points, or whatever :class:`DesiredTrajectory` refuses.
     """
     columns = _columns(message.joint_names, joints)
     return DesiredTrajectory(
@@ -136,6 +120,15 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
         velocity_rad_s=_values(message, "velocities", columns),
         acceleration_rad_s2=_values(message, "accelerations", columns),
     )
+
+
+def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArray:
+    """Return the equilibrium points of a message. Shape (n, n_joints).
+
+    Raises:
+        TrajectoryError: other joints, or points without positions.
+    """
+    return _values(message, "positions", _columns(message.joint_names, joints))
 
 
 def to_goal_message(
@@ -147,10 +140,9 @@ def to_goal_message(
     std_rad: Sequence[float] = (),
     springs: Springs | None = None,
 ) -> TrialGoalMessage:
-    """Return the goal of a trial as a message.
+    """Return the goal of a trial as a message; without springs they are as configured.
 
-    ``equilibrium_rad`` has shape (n, n_joints); ``std_rad``, the standard deviation of the error in it, is
-    flat, point by point, or empty. Without springs they are as configured.
+    ``std_rad``, the standard deviation of the error in the equilibrium, is flat, point by point, or empty.
     """
     return TrialGoalMessage(
         trial=trial,
@@ -171,8 +163,7 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
     """Return the goal of a trial.
 
     Raises:
-        TrajectoryError: other joints, arrays that do not fit together, or whatever
-            :class:`DesiredTrajectory`, :class:`Springs` and :class:`TrialGoal` refuse.
+        TrajectoryError: other joints, arrays that do not fit together, or whatever the records refuse.
     """
     columns = _columns(message.joint_names, joints)
     shape = (len(message.time_ns), len(columns))
@@ -194,9 +185,9 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
     springs = None
     if len(message.stiffness_nm_per_rad) or len(message.damping_nms_per_rad):
         for name in ("stiffness_nm_per_rad", "damping_nms_per_rad"):
-            if len(getattr(message, name)) != len(columns):
+            if (n := len(getattr(message, name))) != len(columns):
                 raise TrajectoryError(
-                    f"{name} has {len(getattr(message, name))} values; expected {len(columns)}, one a joint, "
+                    f"{name} has {n} values; expected {len(columns)}, one a joint, "
                     "or none in both stiffness and damping"
                 )
         springs = Springs(
@@ -211,21 +202,12 @@ def to_result_message(report: TrialReport, joints: Sequence[str]) -> TrialResult
 
 
 def _columns(names: Sequence[str], joints: Sequence[str]) -> list[int]:
-    """Return where each of the arm's joints stands in a trajectory."""
+    """Return the column of each of the arm's joints in a trajectory."""
     if sorted(names) != sorted(joints):
         raise TrajectoryError(
             f"the trajectory is for the joints {', '.join(names) or '(none)'}; expected {', '.join(joints)}"
         )
     return [names.index(joint) for joint in joints]
-
-
-def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArray:
-    """Return the equilibrium points of a message. Shape (n, n_joints).
-
-    Raises:
-        TrajectoryError: other joints, or points without positions.
-    """
-    return _values(message, "positions", _columns(message.joint_names, joints))
 
 
 def _values(message: JointTrajectory, field: str, columns: list[int]) -> FloatArray:

@@ -17,12 +17,12 @@ from tel_ros.core.control.holding import RestDetector
 from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
-from tel_ros.core.trial import TrialGoal
+from tel_ros.core.trial import Outcome
 from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
-from tel_ros.nodes.controller_services import SafetyServices, TrialServer, controller_health
+from tel_ros.nodes.controller_services import SafetyServices, TrialServer
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
-from tel_ros.nodes.diagnostics import Diagnostics, Health, RateMeter
+from tel_ros.nodes.diagnostics import Diagnostics, Health, Level, RateMeter
 from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
 from tel_ros.nodes.parameters import load_parameters
@@ -32,9 +32,6 @@ from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout
 
-WATCHDOG_PERIOD_S = 0.02
-READY_PERIOD_S = 0.1
-FEEDBACK_PERIOD_S = 0.2
 COMPLAINT_PERIOD_S = 1.0
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
@@ -43,9 +40,9 @@ TIMED_S = 60.0
 class EpControllerNode(ManagedNode):
     """Answers every joint state with a command while a trial is under way or its end is held.
 
-    A managed node: nothing is commanded before it is active, and then nothing before the first trial. An arm
-    whose time stands still without commands (the simulated one in lockstep) is left alone between trials as
-    well, so that a run does not depend on how long learning takes.
+    Nothing is commanded before the node is active, and then nothing before the first trial. An arm whose time
+    stands still without commands (the simulated one in lockstep) is left alone between trials as well, so
+    that a run does not depend on how long learning takes.
     """
 
     def __init__(self) -> None:
@@ -67,7 +64,7 @@ class EpControllerNode(ManagedNode):
         self._rests = False
         self._answers_between_trials = not waits
         self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
-        self._reader = joint_state_reader()
+        self._read = joint_state_reader()
         # Position drives brake by themselves, with states that are never late.
         wall_clock = not waits and self._interface == "effort"
         self._gate = StateGate(arm, control, config.safety.clock_drift if wall_clock else None)
@@ -86,14 +83,13 @@ class EpControllerNode(ManagedNode):
         self._states = RateMeter()
         states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
         self.busy_subscriptions, self._states_topic = [states], str(states.topic_name)
-        self.create_timer(WATCHDOG_PERIOD_S, self._watch)
+        self.create_timer(0.02, self._watch)
         self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
-        self.create_timer(READY_PERIOD_S, self._publish_ready)
-        self._trials = TrialServer(self, self._joints, self._begin, self._cancel, self._timer)
-        self.create_timer(FEEDBACK_PERIOD_S, lambda: self._trials.publish_feedback(self._controller))
+        self.create_timer(0.1, self._publish_ready)
+        self._trials = TrialServer(self, self._joints, lambda: self._controller, self._obstacle, self._timer)
         self._safety = SafetyServices(self, lambda: self._controller, self._why_not_reset)
         self._diagnostics = Diagnostics(self, "control loop", arm.name, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
@@ -148,7 +144,7 @@ class EpControllerNode(ManagedNode):
     def give_up(self) -> None:
         """Release the arm and begin anew: what the failed transition has done is unknown."""
         self._controller.lose_states("a transition of the node failed")
-        self._trials.finish(self._controller.report)
+        self._trials.finish()
         self._release(hold=False)
         if self._channel is not None:
             self.cleanup()
@@ -177,7 +173,7 @@ class EpControllerNode(ManagedNode):
         if self._competing.of_states:
             return  # several publishers: nobody knows whose state it is
         try:
-            state = self._gate.admit(*self._reader.read(raw), arrived_ns)
+            state = self._gate.admit(*self._read(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
@@ -227,18 +223,15 @@ class EpControllerNode(ManagedNode):
             self._state_pub.publish(self._control_state.packed(goal.index if goal else 0, state, tick))
         if self._controller.braking:
             self._tell_ready()
-        self._trials.finish(self._controller.report)
+        self._trials.finish()
         self._end_if_stopped()
 
     def _is_stopping(self) -> bool:
-        """Return whether the arm is on its way to its final effort."""
+        """Whether the arm is on its way to its final effort."""
         return self._controller.stopped_for is not None and not self._controller.at_final_effort
 
     def _moves(self) -> bool:
-        """Return whether the arm moves, as far as its states tell.
-
-        A coarse encoder makes speeds of an arm that stands still; a time that stands still tells no rest.
-        """
+        """Whether the arm moves, as far as its states tell; a coarse encoder makes speeds at rest."""
         if self._seen is None or self._rests or not self._states_are_fresh():
             return False
         return bool(np.abs(self._seen.velocity_rad_s).max() >= self._rest_speed_rad_s)
@@ -289,20 +282,11 @@ class EpControllerNode(ManagedNode):
         self._controller.lose_states(message)
         self._publish_zero()
         self._tell_ready()  # before the trial's end is told: what asks for the next one waits for it
-        self._trials.finish(self._controller.report)
+        self._trials.finish()
         self._end_if_stopped()
 
-    def _begin(self, goal: TrialGoal) -> None:
-        obstacle = self._obstacle()
-        if obstacle:
-            raise StateError(obstacle)
-        self._controller.start(goal)
-
-    def _cancel(self) -> None:
-        self._controller.cancel()
-
     def _obstacle(self) -> str:
-        """Return why no trial can begin now, apart from what the arm does; empty: one can."""
+        """Why no trial can begin now, apart from what the arm does; empty: one can."""
         if not self._acts:
             return (
                 f"{self.get_name()} is {self.lifecycle_state}; expected active "
@@ -311,7 +295,7 @@ class EpControllerNode(ManagedNode):
         if not self._states_are_fresh():
             return f"no joint states on {self._states_topic}"
         unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
-        return str(self._competing) or unheard
+        return self._competing.of_states or self._competing.of_commands or unheard
 
     def _tell_ready(self) -> None:
         ready = not (self._obstacle() or self._controller.braking)
@@ -325,26 +309,38 @@ class EpControllerNode(ManagedNode):
             self._state_pub.publish(idle_state(self._seen))
 
     def _health(self) -> Health:
-        return controller_health(
-            self._controller,
-            lifecycle=self.lifecycle_state,
-            refusal=self.refusal,
-            stopped=self._safety.reason,
-            reset_name=self._safety.reset_name,
-            states_topic=self._states_topic,
-            commands_topic=self.resolve_topic_name(topics.COMMANDS[self._interface]),
-            states_rate_hz=self._states.rate_hz(),
-            states_age_s=time.monotonic() - self._last_state_at,
-            states_are_fresh=self._states_are_fresh(),
-            listeners=self._channel.listeners if self._channel else 0,
-            last=self._trials.last,
+        """Return the worst that is known, and all values."""
+        trial = self._controller.goal.index if self._controller.goal else 0
+        phase, stopped, last = self._controller.phase.name, self._safety.reason, self._trials.last
+        listeners = self._channel.listeners if self._channel else 0
+        commands_topic = self.resolve_topic_name(topics.COMMANDS[self._interface])
+        ended = f"trial {last.index}: {last.outcome.name}" if last else "none"
+        ended += f": {last.message}" if last and last.message else ""
+        found = (
+            (stopped, Level.ERROR, f"{stopped}; {self._safety.reset_name} ends it"),
+            (self.lifecycle_state != "active", Level.WARN, f"{self.lifecycle_state}: it commands nothing"),
+            (not self._states_are_fresh(), Level.ERROR, f"no joint states on {self._states_topic}"),
+            (listeners == 0, Level.ERROR, f"nobody listens to {commands_topic}"),
+            (trial, Level.OK, f"trial {trial}: {phase}"),
+            (last and last.outcome == Outcome.ABORTED, Level.WARN, f"{ended}; {phase}"),
+            (True, Level.OK, phase),
         )
+        level, message = next((level, message) for holds, level, message in found if holds)
+        values: dict[str, object] = {
+            "lifecycle": self.lifecycle_state,
+            "phase": phase,
+            "trial": trial or "none",
+            "emergency_stop": stopped or "not latched",
+            "states_rate_hz": f"{self._states.rate_hz():.1f}",
+            "states_age_s": f"{time.monotonic() - self._last_state_at:.3f}",
+            "listeners_to_commands": listeners,
+            "last_refusal": self.refusal or "none",
+            "last_trial": ended,
+        }
+        return Health(level, message, values)
 
 
-def main() -> None:
-    """Run the node."""
-    run_node(EpControllerNode)
-
+main = partial(run_node, EpControllerNode)
 
 if __name__ == "__main__":
     main()

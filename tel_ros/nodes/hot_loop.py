@@ -1,17 +1,12 @@
 """Spinning a node whose few busy topics must not wait for the executor's bookkeeping.
 
-rclpy's executor builds a new wait set from all of a node's entities before every callback. That costs more
-than a control tick does. Here the busy subscriptions have a wait set of their own that is reused, and
-everything else (timers, services, actions, parameters) gets its turn when no message has come for 20 ms, and
-every 50 ms (or what a node asks for) in any case.
+rclpy's executor builds a new wait set from all of a node's entities before every callback, which costs more
+than a control tick. Here the busy subscriptions have a wait set of their own that is reused. Everything else
+(timers, services, actions, parameters) gets its turn when no message has come for 20 ms, and every 50 ms (or
+what a node asks for) in any case; with a :class:`Pace`, where it leaves time.
 
-A node may also have a :class:`Pace`: something to do at times of its own that must be kept. The wait set
-waits until then, so a message is taken the moment it comes, and everything else gets its turn where there is
-time left.
-
-This uses rclpy's own building blocks (:data:`WaitSet`, ``take_message``), which are not documented. Where
-they are missing, or ``TEL_ROS_PLAIN_EXECUTOR`` is set, the executor does all the work: slower, with the same
-result.
+This uses rclpy's undocumented building blocks (:data:`WaitSet`, ``take_message``). Where they are missing, or
+``TEL_ROS_PLAIN_EXECUTOR`` is set, the executor does all the work: slower, with the same result.
 """
 
 from __future__ import annotations
@@ -39,7 +34,7 @@ WaitSet = getattr(rclpy_implementation, "WaitSet", None)
 
 
 class Pace(Protocol):
-    """Something that is due again and again."""
+    """Something to do at times that must be kept."""
 
     @property
     def deadline_s(self) -> float:
@@ -61,19 +56,15 @@ class BusyGroup(CallbackGroup):
         """Return whether the executor may serve an entity."""
         return not serves_itself()
 
-    def beginning_execution(self, entity: object) -> bool:
-        """Return whether the executor may begin to."""
-        return not serves_itself()
+    beginning_execution = can_execute
 
     def ending_execution(self, entity: object) -> None:
         """Nothing to release."""
 
 
-def busy_subscription(
-    node: Node, kind: type, topic: str, callback: Callable[..., None], raw: bool = True
-) -> Subscription:
-    """Return a subscription that hears the newest message only, as bytes unless ``raw`` is False."""
-    return node.create_subscription(kind, topic, callback, qos.NEWEST, raw=raw, callback_group=BusyGroup())
+def busy_subscription(node: Node, kind: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+    """Return a subscription that hears the newest message only, as bytes."""
+    return node.create_subscription(kind, topic, callback, qos.NEWEST, raw=True, callback_group=BusyGroup())
 
 
 def spin_hot(
@@ -97,7 +88,10 @@ def spin_hot(
         turn_period_s: how long everything else may wait while messages keep coming. A turn costs 1 to 2 ms.
     """
     if not subscriptions or not serves_itself():
-        _spin_plainly(executor, done, pace)
+        while not done():
+            executor.spin_once(None if pace is None else _left_s(pace))
+            if pace is not None:
+                pace.keep()
         return
     handles = [subscription.handle for subscription in subscriptions]
     with node.context.handle:
@@ -122,24 +116,17 @@ def spin_hot(
             next_turn = time.monotonic() + turn_period_s
 
 
-def _spin_plainly(executor: SingleThreadedExecutor, done: Callable[[], bool], pace: Pace | None) -> None:
-    while not done():
-        executor.spin_once(None if pace is None else _left_s(pace))
-        if pace is not None:
-            pace.keep()
-
-
 def _left_s(pace: Pace) -> float:
     return max(0.0, pace.deadline_s - time.monotonic())
 
 
 def _has_time(pace: Pace | None, since_s: float) -> bool:
-    """Return whether the rest may have its turn without making the pace late, or has waited too long."""
+    """Whether the rest may have its turn without making the pace late, or has waited too long."""
     return pace is None or _left_s(pace) >= _TURN_TAKES_S or time.monotonic() - since_s > TURN_PERIOD_S
 
 
 def take(subscription: Subscription) -> None:
-    """Hand the messages that have arrived to the callback; not endlessly many, others want a turn as well."""
+    """Hand the messages that have arrived to the callback; a limited number, others want a turn as well."""
     # Looked up once: each of these costs a good part of taking a message.
     take_message, callback = subscription.handle.take_message, subscription.callback
     kind, raw = subscription.msg_type, subscription.raw

@@ -50,7 +50,7 @@ class InverseDynamicsNode(Node):
             return self._refuse(response, error)
         prediction = predicted(self._network, desired, self._config.control.rate_hz)
         response.equilibrium = to_trajectory_message(
-            self._joints, desired.time_ns, prediction.equilibrium_rad
+            self._joints, desired.time_ns, positions=prediction.equilibrium_rad
         )
         response.std_rad = to_array(prediction.std_rad)
         response.revision = self._revision

@@ -1,12 +1,12 @@
 """Messages as bytes: those of the control loop packed and read in one step, single fields of others.
 
-rclpy makes a Python object of every message and goes through it field by field, which costs about as much as
-a control tick. The messages of one arm differ in their numbers alone: everything else, names and lengths,
-makes up a layout that stays. So a layout is found once, and from then on :mod:`struct` does the work.
+rclpy goes through every message field by field, which costs about as much as a control tick. The messages of
+one arm differ in their numbers alone; names and lengths make up a layout that stays. So a layout is found
+once, and from then on :mod:`struct` does the work.
 
-The bytes are CDR: two bytes tell the encoding (and with it the byte order), two have options that say nothing
-about the content; numbers are aligned to their size, counted from behind these four bytes; texts and
-sequences have their length in front, texts a zero byte at the end that counts.
+The bytes are CDR: two tell the encoding (and with it the byte order), two have options that say nothing about
+the content; numbers are aligned to their size, counted from behind these four bytes; texts and sequences have
+their length in front, texts a zero byte at the end that counts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import itemgetter
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.trial import Tick
@@ -57,9 +57,11 @@ class CommandNumbers(NamedTuple):
 class _Layout:
     """The layout of a little-endian message: which fields stay, and where those are that change.
 
-    It is described field by field. With the bytes of a message, lengths and texts that stay are read from
-    these instead of taken from the description; ValueError or struct.error if the bytes cannot be such a
-    message.
+    It is described field by field. With the bytes of a message (``raw``), lengths and texts that stay are
+    read from these instead of taken from the description.
+
+    Raises:
+        ValueError, struct.error: the message has another encoding, an impossible length, or ends too early.
     """
 
     def __init__(self, raw: bytes | None = None) -> None:
@@ -78,11 +80,11 @@ class _Layout:
             self._end += -self._end % size + count * size
         self._template += [0] * count
 
-    def header(self, frame_id: str) -> None:
-        """Add a ``std_msgs/Header``."""
+    def header(self) -> None:
+        """Add a ``std_msgs/Header`` without a ``frame_id``."""
         self.changing("i")
         self.changing("I")
-        self.text(frame_id)
+        self.text("")
 
     def length(self, value: int, most: int) -> int:
         """Add a length that stays, and return it."""
@@ -140,7 +142,7 @@ class _Layout:
         return [fields[place] for place in self._changing]
 
     def pack(self, *changing: Sequence[Any]) -> bytes:
-        """Return a message; struct.error if there is another number of values than the layout has."""
+        """Return a message; struct.error: another number of values than the layout has."""
         fields: list[Any] = []
         for before, values in zip(self._before, changing, strict=True):
             fields += before
@@ -149,24 +151,13 @@ class _Layout:
 
 
 class JointStateLayout(_Layout):
-    """``sensor_msgs/JointState`` of one arm.
-
-    Args:
-        names: of the joints.
-        lengths: of position, velocity and effort.
-        frame_id: of the header.
-        raw: a message to take all of these from.
-    """
+    """``sensor_msgs/JointState`` of one arm; ``lengths`` of position, velocity and effort."""
 
     def __init__(
-        self,
-        names: Sequence[str] = (),
-        lengths: Sequence[int] = (0, 0, 0),
-        frame_id: str = "",
-        raw: bytes | None = None,
+        self, names: Sequence[str] = (), lengths: Sequence[int] = (0, 0, 0), raw: bytes | None = None
     ) -> None:
         super().__init__(raw)
-        self.header(frame_id)
+        self.header()
         n = self.length(len(names), _MOST_NAMES)
         self.names = tuple(self.text(names[k] if raw is None else "") for k in range(n))
         for length in lengths:
@@ -188,13 +179,7 @@ class JointStateLayout(_Layout):
 
 
 class CommandLayout(_Layout):
-    """``std_msgs/Float64MultiArray`` of one dimension, or of none, with a label of some length.
-
-    Args:
-        n_values: length of the data.
-        label: any of that length; None: there is no dimension.
-        raw: a message to take both from.
-    """
+    """``std_msgs/Float64MultiArray`` of one dimension with a label of this length; None: of no dimension."""
 
     def __init__(self, n_values: int = 0, label: str | None = None, raw: bytes | None = None) -> None:
         super().__init__(raw)
@@ -220,14 +205,10 @@ def _command_layout(n_values: int, n_label: int) -> CommandLayout:
 
 
 def packed_command(label: str, values: FloatArray) -> bytes:
-    """Return a command (efforts, or equilibrium points), marked with a label.
+    """Return a command: efforts or equilibrium points, shape (n_joints,), marked with a label.
 
-    Stock controllers do not look at the layout of the array. The simulated arm in lockstep and the recorder
-    do: its one dimension is labelled with the stamp of the joint state that it answers, in nanoseconds.
-
-    Args:
-        label: the stamp, or the name of a node that commands without answering.
-        values: shape (n_joints,).
+    The label is the stamp in ns of the joint state that it answers, for the simulated arm in lockstep and the
+    recorder (stock controllers do not look at it); or the name of a node that commands without answering.
     """
     encoded, n = label.encode(), len(values)
     return _command_layout(n, len(encoded)).pack((encoded + b"\0",), (n, n), (0,), values.tolist())
@@ -238,7 +219,7 @@ class ControlStateLayout(_Layout):
 
     def __init__(self, n_joints: int) -> None:
         super().__init__()
-        self.header("")
+        self.header()
         for code in "IBd":  # trial, phase, time_from_start_s
             self.changing(code)
         for _ in range(7):
@@ -266,32 +247,27 @@ class ControlStateLayout(_Layout):
         )
 
 
-_Numbers = TypeVar("_Numbers", JointStateNumbers, CommandNumbers)
-
-
-class MessageReader(Generic[_Numbers]):
-    """Reads messages of one kind, most of which have the layout of the one before.
+def message_reader(kind: type[Any], otherwise: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
+    """Return a reader of messages of one kind, most of which have the layout of the one before.
 
     Args:
         kind: class of the layouts.
         otherwise: reads messages that have none of these: a driver may dress its messages as it likes.
     """
+    layout: Any = None
 
-    def __init__(self, kind: type[Any], otherwise: Callable[[bytes], _Numbers]) -> None:
-        self._kind = kind
-        self._otherwise: Callable[[bytes], _Numbers] = otherwise
-        self._layout: Any = None
-
-    def read(self, raw: bytes) -> _Numbers:
-        """Return what a message says; StateError if the bytes are no such message."""
-        numbers: _Numbers | None = self._layout.read(raw) if self._layout is not None else None
+    def read(raw: bytes) -> Any:
+        nonlocal layout
+        numbers = layout.read(raw) if layout is not None else None
         if numbers is None:
             try:
-                self._layout = self._kind(raw=raw)
-                numbers = self._layout.read(raw)
+                layout = kind(raw=raw)
+                numbers = layout.read(raw)
             except (struct.error, ValueError):
-                self._layout = None
-        return self._otherwise(raw) if numbers is None else numbers
+                layout = None
+        return otherwise(raw) if numbers is None else numbers
+
+    return read
 
 
 def header_stamp_ns(serialised: bytes) -> int:

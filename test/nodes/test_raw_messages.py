@@ -44,7 +44,7 @@ def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints
         if k // 10:  # so that no joint jumps
             by_name = dict(zip(orders[0], (0.1, 0.2), strict=True))
             message.position = [by_name.get(name, 7.0) + 1e-4 * k for name in message.name]
-        found = of_bytes.admit(*reader.read(serialize_message(message)), 0)
+        found = of_bytes.admit(*reader(serialize_message(message)), 0)
         expected = of_messages.admit(*joint_state_numbers(message), 0)
         assert found.time_ns == expected.time_ns
         np.testing.assert_array_equal(found.position_rad, expected.position_rad)
@@ -68,8 +68,8 @@ def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints
 def test_what_is_no_state_of_the_arm_is_refused(raw: bytes, match: str) -> None:
     reader, gate = joint_state_reader(), StateGate(ARM, ControlConfig())
     with pytest.raises(StateError, match=match):
-        gate.admit(*reader.read(raw), 0)
-    gate.admit(*reader.read(serialize_message(state(1, ["shoulder", "elbow"]))), 0)
+        gate.admit(*reader(raw), 0)
+    gate.admit(*reader(serialize_message(state(1, ["shoulder", "elbow"]))), 0)
 
 
 def test_commands_of_all_dresses_are_read() -> None:
@@ -82,10 +82,10 @@ def test_commands_of_all_dresses_are_read() -> None:
     ):
         message = Float64MultiArray(data=[1.0, -2.0])
         message.layout.dim = [MultiArrayDimension(label=text) for text in labels]
-        found = reader.read(serialize_message(message))
+        found = reader(serialize_message(message))
         assert (found.label, found.values) == (label, (1.0, -2.0))
     with pytest.raises(StateError, match="3 bytes are no command"):
-        reader.read(b"abc")
+        reader(b"abc")
 
 
 def test_a_packed_command_is_what_rclpy_reads() -> None:
