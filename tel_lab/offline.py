@@ -17,14 +17,21 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.learning.inputs import stack_inputs
-from tel_ros.core.learning.learner import Learner
+from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.practice.feasibility import require_within_velocity_limits
-from tel_ros.core.practice.learner_network import LearnerNetwork
-from tel_ros.core.practice.session import CommandedTrial, PracticeSession, PractisedTrial
+from tel_ros.core.practice.session import (
+    CommandedTrial,
+    PracticeSession,
+    PractisedTrial,
+    Prediction,
+    predicted,
+    trained,
+)
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending, PlannedTrial, Strategy
 from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trajectories.paths import Path
+from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import Tick, Trial, TrialGoal, TrialReport
 from tel_ros.core.types import FloatArray
 
@@ -122,6 +129,39 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
     def _new_arm(self, sim: SimConfig, n_before: int = 0) -> SimulatedArm:
         config = self._config
         return SimulatedArm(config.arm, sim, rate_hz=config.control.rate_hz, seed=config.seed + n_before)
+
+
+class LearnerNetwork:
+    """A learner in this process, and its earlier states.
+
+    Args:
+        config: control rate and how to learn.
+        learner: to begin with.
+    """
+
+    def __init__(self, config: Config, learner: Learner) -> None:
+        self._config = config
+        self.learner = learner
+        """As it is now; may be replaced between two trials."""
+        self.after = {0: learner}
+        """By trial; 0: as the run began."""
+
+    def predict(self, desired: DesiredTrajectory) -> Prediction:
+        """Return the command for a trajectory."""
+        return predicted(self.learner, desired, self._config.control.rate_hz)
+
+    def train(self, trial: Trial) -> TrainingOutcome:
+        """Learn from a trial."""
+        self.learner, training = trained(self.learner, trial, self._config)
+        return training
+
+    def save(self, index: int) -> None:
+        """Keep the learner as it is after a trial."""
+        self.after[index] = self.learner
+
+    def load(self, index: int) -> None:
+        """Go back to the learner as it was after a trial."""
+        self.learner = self.after[index]
 
 
 class OfflinePractice(AbstractContextManager["OfflinePractice"]):

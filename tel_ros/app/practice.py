@@ -25,6 +25,7 @@ from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.feasibility import require_within_velocity_limits
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialGoal
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
@@ -62,8 +63,8 @@ def check_before_moving(config: Config) -> None:
     limits = Limits.of(config.arm, config.control.path_tolerance_rad)
     for movement in dict.fromkeys(strategy.preview()):
         desired = desired_trajectory(path, known_path, movement, config.control.rate_hz)
-        asked = command(config.arm, movement, desired, desired.position_rad)
-        goal = TrialGoal(1, 1.0, desired, asked.equilibrium_rad, asked.springs)
+        springs, equilibrium_rad = command(Springs.of(config.arm), movement, desired, desired.position_rad)
+        goal = TrialGoal(1, 1.0, desired, equilibrium_rad, springs)
         try:
             limits.check_goal(goal, config.control.settle_speed_rad_s)
         except TrajectoryError as error:

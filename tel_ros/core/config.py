@@ -102,26 +102,18 @@ class PracticeConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_vary()
+        choices = ("speed", "amplitude", "shape", "stiffness")
+        known_once = 0 < len(self.vary) == len(set(self.vary)) and set(self.vary) <= set(choices)
+        self.require(known_once, "vary", f"one or more of {', '.join(choices)}, each once")
+        is_allowed = self.vary == ("speed",) or not self.durations_s
+        self.require(is_allowed, "vary", "only speed, because durations_s is given")
         least = f"of at least goal_duration_s = {self.goal_duration_s} s"
         finite = all(self.goal_duration_s <= t < math.inf for t in self.durations_s)
         self.require(finite, "durations_s", f"finite times {least}")
         expected = f"a finite angle of at least tolerance_rad = {self.tolerance_rad} rad"
         self.require(self.tolerance_rad <= self.step_tolerance_rad, "step_tolerance_rad", expected)
-        self.require(
-            self.goal_duration_s <= self.first_duration_s, "first_duration_s", f"a finite time {least}"
-        )
-
-    def _check_vary(self) -> None:
-        choices = ("speed", "amplitude", "shape", "stiffness")
-        known_once = 0 < len(self.vary) == len(set(self.vary)) and set(self.vary) <= set(choices)
-        self.require(known_once, "vary", f"one or more of {', '.join(choices)}, each once")
-        if self.vary == ("speed",):
-            return
-        self.require(not self.durations_s, "vary", "only speed, because durations_s is given")
-        self.require(self.strategy != "subtasks", "vary", "only speed, because strategy is 'subtasks'")
-        enough = self.strategy != "trajectory_extension" or self.trials > len(self.vary)
-        self.require(enough, "trials", f"more than the {len(self.vary)} things that vary")
+        is_slower = self.goal_duration_s <= self.first_duration_s
+        self.require(is_slower, "first_duration_s", f"a finite time {least}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,26 +213,22 @@ class Config(Checked):
         self.require(guard != "always" or not self.arm_waits_for_commands, "safety.guard", expected)
         expected = "'external' or 'never' with arm.command_interface position: the drives hold in silence"
         self.require(guard != "always" or self.arm.command_interface == "effort", "safety.guard", expected)
-        self._check_varied()
         self.safety.require_fits(self.arm)
         sim.require_one_per_joint(self.arm.joints, "sim.")
-
-    def _check_varied(self) -> None:
         practice, path = self.practice, self.path
+        known = path.known_name or path.known_file
         key = "path.known_file" if path.known_file else "path.known_name"
         if "shape" in practice.vary:
             expected = "a path to begin with (known_name or known_file), because practice.vary has shape"
-            self.require(bool(path.known_name or path.known_file), key, expected)
+            self.require(bool(known), key, expected)
         else:
-            is_empty = not (path.known_name or path.known_file)
-            self.require(is_empty, key, "nothing, because practice.vary has no shape")
-        if "stiffness" not in practice.vary:
-            return
-        expected = "no stiffness, because arm.command_interface is 'position': it is the drive's, and stays"
-        self.require(self.arm.command_interface == "effort", "practice.vary", expected)
-        most = self.control.max_stiffness_factor
-        expected = f"at most control.max_stiffness_factor = {most}"
-        self.require(practice.first_stiffness <= most, "practice.first_stiffness", expected)
+            self.require(not known, key, "nothing, because practice.vary has no shape")
+        if "stiffness" in practice.vary:
+            expected = "no stiffness, because arm.command_interface is 'position': it is the drive's"
+            self.require(self.arm.command_interface == "effort", "practice.vary", expected)
+            most = self.control.max_stiffness_factor
+            expected = f"at most control.max_stiffness_factor = {most}"
+            self.require(practice.first_stiffness <= most, "practice.first_stiffness", expected)
 
 
 def file_keys() -> Mapping[str, FileRole]:

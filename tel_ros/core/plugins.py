@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
 from tel_ros.core.errors import ConfigError
@@ -32,8 +32,11 @@ def plugin(
     """
     if name in ours:
         return made(ours[name])
-    point = require_known(key, name, group, ours)
-    assert point is not None
+    offered = {point.name: point for point in entry_points(group=group)}
+    if name not in offered:
+        known = ", ".join(sorted({*ours, *offered}))
+        raise ConfigError(key, name, f"one of {known}, or an installed entry point of the group {group}")
+    point = offered[name]
     try:
         found = made(point.load())
     except ConfigError:
@@ -46,18 +49,3 @@ def plugin(
         expected = f"an entry point with {' and '.join(methods)}; {point.value} lacks {missing}"
         raise ConfigError(key, name, expected)
     return found
-
-
-def require_known(key: str, name: str, group: str, ours: Mapping[str, Any]) -> EntryPoint | None:
-    """Return the entry point of a name; None: it is one of ours.
-
-    Raises:
-        ConfigError: the name is neither ours nor that of an entry point of the group.
-    """
-    if name in ours:
-        return None
-    offered = {point.name: point for point in entry_points(group=group)}
-    if name not in offered:
-        known = ", ".join(sorted({*ours, *offered}))
-        raise ConfigError(key, name, f"one of {known}, or an installed entry point of the group {group}")
-    return offered[name]

@@ -13,7 +13,7 @@ from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, Tra
 from tel_ros.core.errors import TelError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples, learning_record
-from tel_ros.core.practice.learner_network import predicted
+from tel_ros.core.practice.session import predicted
 from tel_ros.nodes.conversions import to_array, to_desired, to_trajectory_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters

@@ -18,7 +18,7 @@ import yaml
 from tel_ros.core.config import Config, file_keys
 from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.core.practice.strategies import require_strategy
+from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.shared_files import named_file
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
 
@@ -76,7 +76,7 @@ def load_config(
         arm["urdf"] = str(description())
     config = config_from(_renamed(raw, source_of), source_of)
     try:
-        require_strategy(config.practice.strategy)
+        make_strategy(config)
     except ConfigError as error:
         raise error.inside("", source_of(error.key)) from None
     return _with_urdf_limits(config, source_of)

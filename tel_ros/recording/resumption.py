@@ -12,8 +12,7 @@ from typing import Any
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
-from tel_ros.core.practice.learner_network import predicted, trained
-from tel_ros.core.practice.session import PracticeSession, PractisedTrial, Prediction
+from tel_ros.core.practice.session import PracticeSession, PractisedTrial, Prediction, predicted, trained
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory

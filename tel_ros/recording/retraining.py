@@ -14,8 +14,7 @@ from typing import Any
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import BagError, InputFileError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
-from tel_ros.core.practice.learner_network import trained
-from tel_ros.core.practice.session import learned_or_passed_over
+from tel_ros.core.practice.session import learned_or_passed_over, trained
 from tel_ros.recording.config_file import with_overrides
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.new_network import new_network

@@ -26,7 +26,6 @@ NOT_POSITIVE = (0.0, -1.0, NAN, INF)
 NEGATIVE = (-1e-9, NAN, INF)
 BAD: list[tuple[type, str, Any, str]] = [
     (RunConfig, "arm", "robot", "'sim' or 'external'"),
-    (PracticeConfig, "strategy", "fast", "'trajectory_extension' or 'adaptive_extension'"),
     *(
         (PracticeConfig, "durations_s", (9.0, bad), "finite times of at least goal_duration_s = 4.5 s")
         for bad in (4.4, NAN, INF)

@@ -15,9 +15,9 @@ from recorded_run import record_run
 
 from sim_bridge.arm import SimulatedArm
 from sim_bridge.resuming import replay_arm
+from tel_lab.offline import LearnerNetwork
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
-from tel_ros.core.practice.learner_network import LearnerNetwork
 from tel_ros.core.practice.movement_path import forecast_trajectory
 from tel_ros.core.practice.session import PracticeSession
 from tel_ros.core.practice.strategies import make_strategy

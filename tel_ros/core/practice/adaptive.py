@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from tel_ros.core.config import ArmConfig, PracticeConfig
+from tel_ros.core.config import Config
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.feasibility import EffortLimit
 from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial
@@ -33,14 +32,6 @@ _SAME_SLOWNESS = 1.01
 _MOST_OPTIMISTIC = 0.3
 
 
-@dataclass(frozen=True)
-class _Good:
-    """A trial that is worth going back to."""
-
-    index: int
-    slowness: float
-
-
 class AdaptiveExtension:
     """Takes the largest step along its course after which the error should stay within a tolerance.
 
@@ -52,9 +43,7 @@ class AdaptiveExtension:
     tolerance, or cannot be reached: effort limits, errors that stop falling, or the number of trials.
 
     Args:
-        practice: durations, tolerances, most trials.
-        arm: effort limits.
-        path_tolerance_rad: deviation at which a trial is aborted.
+        config: of the run.
         course: the way to the goal; None: the configured one.
         first_index: number of its first trial; the network is as it was after the trial before that.
         first_slowness: of its first movement; None: that of the course.
@@ -62,24 +51,20 @@ class AdaptiveExtension:
 
     def __init__(
         self,
-        practice: PracticeConfig,
-        arm: ArmConfig,
-        path_tolerance_rad: float,
-        *,
+        config: Config,
         course: Course | None = None,
         first_index: int = 1,
         first_slowness: float | None = None,
     ) -> None:
-        self._practice = practice
-        self._path_tolerance_rad = path_tolerance_rad
-        self._course = course or Course.configured(practice)
+        self._practice = config.practice
+        self._path_tolerance_rad = config.control.path_tolerance_rad
+        self._course = course or Course.configured(config.practice)
         self._first_index = first_index
-        self._first_slowness = self._course.first_slowness if first_slowness is None else first_slowness
         self._safe_slowness = self._course.first_slowness
-        """Easy enough to stay well inside the corridor even with nothing learned."""
-        self._slowness = self._first_slowness
-        """Of the trial that is planned."""
-        self._effort = EffortLimit(arm, self._course.at_duration)
+        """Easy enough to stay well inside the path tolerance even with nothing learned."""
+        self._slowness = self._course.first_slowness if first_slowness is None else first_slowness
+        """Of the trial that is planned, or will be as the first."""
+        self._effort = EffortLimit(config.arm, self._course.at_duration)
         self._plan: PlannedTrial | None = None
         self._expected_std = math.inf
         self._began_unlearned = False
@@ -87,10 +72,9 @@ class AdaptiveExtension:
         """Tracking errors in proportion to the learner's standard deviation, as they came."""
         self._largest_step = _FIRST_STEP
         """In the logarithm of the slowness."""
-        self._good: list[_Good] = []
-        self._best = math.inf
-        self._without_progress = 0
-        self._repeated_once = False
+        self._good: list[tuple[int, float]] = []
+        """Number and slowness of the trials that are worth going back to."""
+        self._begin_movement()
 
     def preview(self) -> Sequence[Movement]:
         """Return the movements still to come if every step takes about a quarter off the slowness.
@@ -120,7 +104,7 @@ class AdaptiveExtension:
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""
         if last is None or self._plan is None:
-            plan = self._planned(self._first_slowness, forecast, "the first trial")
+            plan = self._planned(self._slowness, forecast, "the first trial")
             self._began_unlearned = math.isinf(self._expected_std)
             return plan
         if last.outcome == Outcome.CANCELLED:
@@ -148,45 +132,52 @@ class AdaptiveExtension:
         return f"{self._course.goal_text} within {_mrad(self._practice.tolerance_rad)}"
 
     def _after_success(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
-        practice, error_rad = self._practice, last.rms_error_rad
-        slowness = self._slowness
-        self._learn_ratio(error_rad)
+        error_rad, slowness = last.rms_error_rad, self._slowness
+        if math.isfinite(self._expected_std) and self._expected_std > 0.0:
+            found = error_rad / self._expected_std
+            # Bad news count at once, good news by and by.
+            self._ratio = max(found, math.sqrt(found * self._ratio), _MOST_OPTIMISTIC)
         unlearned = self._began_unlearned and (
             last.index == 1 or (self._plan is not None and self._plan.go_back_to == 0)
         )
         if unlearned and self._course.deviates_with_slowness:
             # Without a network the deviation is what the torques make it, and these go with 1/T².
             self._safe_slowness = slowness * math.sqrt(last.max_error_rad / (0.5 * self._path_tolerance_rad))
-        hardest = self._hardest(forecast)
+        if self._course.varies_speed_at(slowness):
+            self._effort.learn(self._course.movement(slowness).duration_s, forecast)
+        hardest = self._hardest()
         at_goal = slowness <= self._course.goal_slowness
         # How fast the effort limits allow is foreseen a little differently after every trial.
         at_the_end = at_goal or (
             hardest > self._course.goal_slowness and slowness <= hardest * _SAME_SLOWNESS
         )
+        practice = self._practice
         tolerance_rad = practice.tolerance_rad if at_the_end else practice.step_tolerance_rad
         if error_rad > tolerance_rad and not unlearned:
             return self._repeated(last, forecast)
-        if self._good and self._good[-1].slowness > slowness:
-            step = math.log(self._good[-1].slowness / slowness)
+        if self._good and self._good[-1][1] > slowness:
+            step = math.log(self._good[-1][1] / slowness)
             self._largest_step = max(step if self._repeated_once else _LARGER * step, _LEAST_LIMIT)
-        self._good.append(_Good(last.index, slowness))
-        self._best, self._without_progress, self._repeated_once = math.inf, 0, False
+        self._good.append((last.index, slowness))
+        self._begin_movement()
         if at_the_end and error_rad <= tolerance_rad:
             if at_goal:
-                return Ending(
-                    "completed",
-                    f"{self._course.goal_text} reached with {_mrad(error_rad)} RMS after {last.index} trials",
-                )
-            return Ending("stopped", self._limited(last, hardest))
+                reached = f"{self._course.goal_text} reached with {_mrad(error_rad)} RMS"
+                return Ending("completed", f"{reached} after {last.index} trials")
+            return Ending(
+                "stopped",
+                f"{self._course.goal_text} cannot be reached: "
+                f"{self._effort.needed_text(self._course.goal.duration_s)}; about "
+                f"{self._course.movement(hardest).duration_s:.2f} s is the fastest that the effort limits "
+                f"allow, and {self._reached(last)} was reached with {_mrad(error_rad)} RMS after "
+                f"{last.index} trials",
+            )
         return self._extended(hardest, forecast)
 
-    def _hardest(self, forecast: Forecaster) -> float:
-        """Return the least slowness that practice may go to, foreseen from the trial that was good."""
-        if self._course.varies_speed_at(self._slowness):
-            self._effort.learn(self._course.movement(self._slowness).duration_s, forecast)
-        return self._foreseen()
+    def _begin_movement(self) -> None:
+        self._best, self._without_progress, self._repeated_once = math.inf, 0, False
 
-    def _foreseen(self) -> float:
+    def _hardest(self) -> float:
         """Return the least slowness that the effort limits allow, as far as it is known."""
         course = self._course
         if not course.varies_speed_at(self._slowness):
@@ -195,18 +186,9 @@ class AdaptiveExtension:
         fastest_s = self._effort.fastest_s(goal_s, course.movement(course.first_slowness).duration_s)
         return course.goal_slowness if fastest_s <= goal_s else course.slowness_at_duration(fastest_s)
 
-    def _limited(self, last: TrialReport, hardest: float) -> str:
-        needed = self._effort.needed_text(self._course.goal.duration_s)
-        return (
-            f"{self._course.goal_text} cannot be reached: {needed}; about "
-            f"{self._course.movement(hardest).duration_s:.2f} s is "
-            f"the fastest that the effort limits allow, and {self._reached(last)} was reached with "
-            f"{_mrad(last.rms_error_rad)} RMS after {last.index} trials"
-        )
-
     def _repeated(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None
-        hardest = self._foreseen()
+        hardest = self._hardest()
         if hardest > self._slowness * _SAME_SLOWNESS:
             self._best, self._without_progress = math.inf, 0
             fastest_s = self._course.movement(hardest).duration_s
@@ -230,11 +212,13 @@ class AdaptiveExtension:
 
     def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial:
         """Return the largest step after which the error should stay within the tolerance of a step."""
-        slowness = self._slowness
-        low = max(hardest, slowness * math.exp(-self._largest_step))
-        wanted_rad = self._practice.step_tolerance_rad
-        reason = "as far as the errors should stay small"
-        if self._expected_rms(low, forecast) <= wanted_rad:
+
+        def is_easy(slowness: float) -> bool:
+            std = _rms(forecast(self._course.movement(slowness)).std_rad)
+            return self._ratio * std <= self._practice.step_tolerance_rad
+
+        low, high = max(hardest, self._slowness * math.exp(-self._largest_step)), self._slowness
+        if is_easy(low):
             if low > hardest:
                 reason = "the largest step that is allowed"
             elif hardest > self._course.goal_slowness:
@@ -243,14 +227,11 @@ class AdaptiveExtension:
             else:
                 reason = "the goal"
             return self._planned(low, forecast, reason)
-        high = slowness
         for _ in range(_BISECTIONS):
             middle = math.sqrt(low * high)
-            if self._expected_rms(middle, forecast) <= wanted_rad:
-                high = middle
-            else:
-                low = middle
-        if high == slowness:
+            low, high = (low, middle) if is_easy(middle) else (middle, high)
+        reason = "as far as the errors should stay small"
+        if high == self._slowness:
             reason = "repeated: no faster one is known well enough"
         return self._planned(high, forecast, reason)
 
@@ -260,25 +241,18 @@ class AdaptiveExtension:
         # Small errors were expected, or it would not have been tried. So the arm is not what it was believed
         # to be, and what was learned may be worth nothing: easy enough means easy enough without it.
         easy = max(failed * _SLOWER_AFTER_ABORT, self._safe_slowness)
-        known = [good.slowness for good in self._good if good.slowness > failed]
-        while self._good and self._good[-1].slowness <= failed:
+        known = [slowness for _, slowness in self._good if slowness > failed]
+        while self._good and self._good[-1][1] <= failed:
             self._good.pop()  # a movement has failed that was good once
         if known:
             self._largest_step = max(0.5 * math.log(known[-1] / failed), _LEAST_LIMIT)
         easier = min(max([easy, *known[-1:]]), self._course.most_slowness)
-        back_to = self._good[-1].index if self._good else self._first_index - 1
+        back_to = self._good[-1][0] if self._good else self._first_index - 1
         if easier <= failed and (self._plan.go_back_to == back_to or last.index == self._first_index):
-            return Ending(
-                "aborted",
-                f"trial {last.index} was aborted, and there is no easier movement: {last.message}",
-            )
-        self._best, self._without_progress, self._repeated_once = math.inf, 0, False
-        return self._planned(
-            easier,
-            forecast,
-            f"back after the abort of trial {last.index}",
-            go_back_to=back_to,
-        )
+            failure = f"trial {last.index} was aborted, and there is no easier movement"
+            return Ending("aborted", f"{failure}: {last.message}")
+        self._begin_movement()
+        return self._planned(easier, forecast, f"back after the abort of trial {last.index}", back_to)
 
     def _planned(
         self, slowness: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
@@ -298,17 +272,6 @@ class AdaptiveExtension:
             expected_rms_rad=expected_rad if math.isfinite(expected_rad) else math.nan,
         )
         return self._plan
-
-    def _learn_ratio(self, error_rad: float) -> None:
-        """Learn from how the last trial came out in proportion to what the learner expected."""
-        if not (math.isfinite(self._expected_std) and self._expected_std > 0.0):
-            return
-        found = error_rad / self._expected_std
-        # Bad news count at once, good news by and by.
-        self._ratio = max(found, math.sqrt(found * self._ratio), _MOST_OPTIMISTIC)
-
-    def _expected_rms(self, slowness: float, forecast: Forecaster) -> float:
-        return self._ratio * _rms(forecast(self._course.movement(slowness)).std_rad)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,6 +13,18 @@ from tel_ros.core.practice.strategy import Movement
 Varied = Literal["speed", "amplitude", "shape", "stiffness"]
 
 _ROUNDING = 1e-12
+_SLOWNESS: Mapping[Varied, Callable[[float], float]] = {
+    "speed": lambda duration_s: duration_s,
+    "amplitude": lambda amplitude: 1.0 / math.sqrt(amplitude),
+    "stiffness": math.sqrt,
+    "shape": lambda share: math.exp(1.0 - share),
+}
+_VALUE: Mapping[Varied, Callable[[float], float]] = {
+    "speed": lambda slowness: slowness,
+    "amplitude": lambda slowness: 1.0 / slowness**2,
+    "stiffness": lambda slowness: slowness**2,
+    "shape": lambda slowness: 1.0 - math.log(slowness),
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,7 @@ class Leg:
     Args:
         varied: what varies.
         first: duration in s, amplitude, share of the goal's shape or factor on K where the leg begins.
-        goal: the same where it ends.
+        goal: where it ends.
     """
 
     varied: Varied
@@ -38,12 +50,12 @@ class Leg:
     @property
     def first_slowness(self) -> float:
         """Slowness where the leg begins."""
-        return self._slowness(self.first)
+        return _SLOWNESS[self.varied](self.first)
 
     @property
     def goal_slowness(self) -> float:
         """Slowness where the leg ends."""
-        return self._slowness(self.goal)
+        return _SLOWNESS[self.varied](self.goal)
 
     @property
     def goes_further_back(self) -> bool:
@@ -58,22 +70,7 @@ class Leg:
             slowness > self.first_slowness and not self.goes_further_back
         ):
             return self.first
-        if self.varied == "speed":
-            return slowness
-        if self.varied == "amplitude":
-            return 1.0 / slowness**2
-        if self.varied == "stiffness":
-            return slowness**2
-        return 1.0 - math.log(slowness)
-
-    def _slowness(self, value: float) -> float:
-        if self.varied == "speed":
-            return value
-        if self.varied == "amplitude":
-            return 1.0 / math.sqrt(value)
-        if self.varied == "stiffness":
-            return math.sqrt(value)
-        return math.exp(1.0 - value)
+        return _VALUE[self.varied](slowness)
 
 
 class Course:
@@ -88,13 +85,12 @@ class Course:
     """
 
     def __init__(self, legs: Sequence[Leg], goal: Movement) -> None:
-        self._legs = tuple(legs)
-        self._goal = goal
+        self.legs, self._goal = tuple(legs), goal
         # Factor on the slowness of a leg: legs before it are at their goals, later ones where they begin.
         self._scales = [
-            math.prod([leg.goal_slowness for leg in self._legs[:i]])
-            * math.prod([leg.first_slowness for leg in self._legs[i + 1 :]])
-            for i in range(len(self._legs))
+            math.prod([leg.goal_slowness for leg in self.legs[:i]])
+            * math.prod([leg.first_slowness for leg in self.legs[i + 1 :]])
+            for i in range(len(self.legs))
         ]
 
     @classmethod
@@ -110,48 +106,36 @@ class Course:
         return cls(legs, Movement(practice.goal_duration_s))
 
     @property
-    def legs(self) -> Sequence[Leg]:
-        """What varies, in turn."""
-        return self._legs
-
-    @property
     def first_slowness(self) -> float:
         """Slowness of the first movement."""
-        return self._legs[0].first_slowness * self._scales[0]
+        return self.legs[0].first_slowness * self._scales[0]
 
     @property
     def goal_slowness(self) -> float:
         """Slowness of the goal."""
-        return self._legs[-1].goal_slowness * self._scales[-1]
+        return self.legs[-1].goal_slowness * self._scales[-1]
 
     @property
     def most_slowness(self) -> float:
         """Slowness beyond which movements do not become easier; inf if they always do."""
-        return math.inf if self._legs[0].goes_further_back else self.first_slowness
+        return math.inf if self.legs[0].goes_further_back else self.first_slowness
 
     @property
     def deviates_with_slowness(self) -> bool:
         """Whether deviations without learning go with 1 / slowness²; one path tells nothing about another."""
-        return all(leg.varied != "shape" for leg in self._legs)
+        return all(leg.varied != "shape" for leg in self.legs)
 
     def movement(self, slowness: float) -> Movement:
         """Return the movement at a slowness of at least :attr:`goal_slowness`."""
         i = self._active(slowness)
-        return self.on_leg(self._legs[i], self._legs[i].value(slowness / self._scales[i]))
+        return self.on_leg(self.legs[i], self.legs[i].value(slowness / self._scales[i]))
 
     def on_leg(self, leg: Leg, value: float) -> Movement:
         """Return the movement at a value of what varies on a leg."""
-        i = self._legs.index(leg)
-        values = {leg.varied: leg.goal for leg in self._legs[:i]}
-        values |= {leg.varied: leg.first for leg in self._legs[i + 1 :]}
-        values[leg.varied] = value
-        return replace(
-            self._goal,
-            duration_s=values.get("speed", self._goal.duration_s),
-            amplitude=values.get("amplitude", 1.0),
-            shape=values.get("shape", 1.0),
-            stiffness=values.get("stiffness", 1.0),
-        )
+        i = self.legs.index(leg)
+        values = {_field(leg): leg.goal for leg in self.legs[:i]}
+        values |= {_field(leg): leg.first for leg in self.legs[i + 1 :]}
+        return replace(self._goal, **values, **{_field(leg): value})
 
     def alpha(self, movement: Movement) -> float:
         """Return the practice parameter: the product of the shares of the goal that there are already."""
@@ -160,30 +144,27 @@ class Course:
 
     def varies_speed_at(self, slowness: float) -> bool:
         """Whether the next step from here is one in speed."""
-        return self._legs[self._active(slowness)].varied == "speed"
+        return self.legs[self._active(slowness)].varied == "speed"
 
     def at_duration(self, duration_s: float) -> Movement:
         """Return the movement of a duration on the leg on which the speed varies."""
-        return self.on_leg(self._speed_leg, duration_s)
+        return self.on_leg(self.legs[self._speed], duration_s)
 
     def slowness_at_duration(self, duration_s: float) -> float:
         """Return the slowness at a duration on the leg on which the speed varies."""
-        return duration_s * self._speed_scale
+        return duration_s * self._scales[self._speed]
 
     def text(self, movement: Movement, duration: str = "") -> str:
         """Say what a movement is: its duration (or the text given for it), and what else varies."""
+        varied = [leg.varied for leg in self.legs if leg.varied != "speed"]
         words = [duration or f"{movement.duration_s:.3f} s"]
-        for leg in self._legs:
-            if leg.varied != "speed":
-                words.append(f"{leg.varied} {getattr(movement, leg.varied):.3f}")
-        if not movement.is_whole:
-            words.append(f"from {movement.start:.3g} to {movement.end:.3g} of the path")
-        return ", ".join(words)
+        words += [f"{name} {getattr(movement, name):.3f}" for name in varied]
+        return ", ".join(words if movement.is_whole else [*words, movement.part_text])
 
     @property
     def ends(self) -> list[Movement]:
         """The movements at both ends of each leg: none on the course is faster, joint by joint."""
-        return [self.on_leg(leg, value) for leg in self._legs for value in (leg.first, leg.goal)]
+        return [self.on_leg(leg, value) for leg in self.legs for value in (leg.first, leg.goal)]
 
     @property
     def to_cover(self) -> list[Movement]:
@@ -191,7 +172,7 @@ class Course:
 
         A blend of two paths stays between them.
         """
-        varies_shape = any(leg.varied == "shape" for leg in self._legs)
+        varies_shape = any(leg.varied == "shape" for leg in self.legs)
         return [self._goal, replace(self._goal, shape=0.0)] if varies_shape else [self._goal]
 
     @property
@@ -205,16 +186,17 @@ class Course:
         return self.text(self.goal, f"{self.goal.duration_s:g} s")
 
     @property
-    def _speed_leg(self) -> Leg:
-        return next(leg for leg in self._legs if leg.varied == "speed")
-
-    @property
-    def _speed_scale(self) -> float:
-        return self._scales[self._legs.index(self._speed_leg)]
+    def _speed(self) -> int:
+        return [leg.varied for leg in self.legs].index("speed")
 
     def _active(self, slowness: float) -> int:
         """Return which leg a slowness is on; where two meet, the later one."""
-        for i, leg in enumerate(self._legs[:-1]):
+        for i, leg in enumerate(self.legs[:-1]):
             if slowness > leg.goal_slowness * self._scales[i] * (1.0 + _ROUNDING):
                 return i
-        return len(self._legs) - 1
+        return len(self.legs) - 1
+
+
+def _field(leg: Leg) -> str:
+    """Return which field of a movement varies on a leg."""
+    return "duration_s" if leg.varied == "speed" else leg.varied

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -42,66 +40,37 @@ def require_within_velocity_limits(
     Raises:
         ConfigError: the arm would have to move too fast, or the shape varies and no path is known.
     """
-    worst = max((_Peak.of(config.arm, path, known, m) for m in movements), key=lambda peak: peak.share)
-    if worst.share * (1.0 + _BETWEEN_POINTS) <= 1.0:
+    arm, limit = config.arm, np.array(config.arm.velocity_limit_rad_s)
+    worst_share, fastest, speed, j = 0.0, movements[0], limit, 0
+    for movement in movements:
+        desired = desired_trajectory(path, known, movement, _POINTS / movement.own_duration_s)
+        peaks = np.abs(desired.velocity_rad_s).max(axis=0)
+        share = float((peaks / limit).max())
+        if share > worst_share:
+            worst_share, fastest, speed, j = share, movement, peaks, int(np.argmax(peaks / limit))
+    if worst_share * (1.0 + _BETWEEN_POINTS) <= 1.0:
         return
-    (key, value), duration_s = _setting_of(config.practice, worst.movement), worst.movement.duration_s
-    shortest_s = _STEP_S * math.ceil(duration_s * worst.share * (1.0 + _BETWEEN_POINTS) / _STEP_S)
+    key, value = _setting_of(config.practice, fastest.duration_s)
+    shortest_s = _STEP_S * math.ceil(fastest.duration_s * worst_share * (1.0 + _BETWEEN_POINTS) / _STEP_S)
+    where = "" if fastest.is_whole else f" {fastest.part_text}"
+    if fastest.shape == 0.0:
+        where = " on the known path"
     raise ConfigError(
         f"practice.{key}",
         value,
-        f"at least {shortest_s:.2f} s: {worst.joint} would move at {worst.velocity_rad_s:.3f} rad/s"
-        f"{_where(worst.movement)}, and arm.velocity_limit_rad_s allows it {worst.limit_rad_s:g} rad/s",
+        f"at least {shortest_s:.2f} s: {arm.joints[j]} would move at {speed[j]:.3f} rad/s{where}, and "
+        f"arm.velocity_limit_rad_s allows it {limit[j]:g} rad/s",
     )
 
 
-@dataclass(frozen=True)
-class _Peak:
-    """The highest speed of a movement, in proportion to what the joint may do.
-
-    Args:
-        movement: which one.
-        joint: its name.
-        velocity_rad_s: how fast it moves.
-        limit_rad_s: how fast it may.
-    """
-
-    movement: Movement
-    joint: str
-    velocity_rad_s: float
-    limit_rad_s: float
-
-    @classmethod
-    def of(cls, arm: ArmConfig, path: Path, known: Path | None, movement: Movement) -> Self:
-        """Return that of the joint which is nearest to its limit, or furthest beyond."""
-        desired = desired_trajectory(path, known, movement, _POINTS / movement.own_duration_s)
-        speed, limit = np.abs(desired.velocity_rad_s).max(axis=0), np.array(arm.velocity_limit_rad_s)
-        j = int(np.argmax(speed / limit))
-        return cls(movement, arm.joints[j], float(speed[j]), float(limit[j]))
-
-    @property
-    def share(self) -> float:
-        """Speed over limit."""
-        return self.velocity_rad_s / self.limit_rad_s
-
-
-def _setting_of(practice: PracticeConfig, movement: Movement) -> tuple[str, object]:
+def _setting_of(practice: PracticeConfig, duration_s: float) -> tuple[str, object]:
     """Return the key that gives a movement its duration, and its value."""
-    duration_s = movement.duration_s
     if duration_s in practice.durations_s:
         return "durations_s", duration_s
     for key in ("goal_duration_s", "first_duration_s"):
         if duration_s == getattr(practice, key):
             return key, duration_s
     return "strategy", f"{practice.strategy} with movements of {duration_s:g} s"
-
-
-def _where(movement: Movement) -> str:
-    if movement.shape == 0.0:
-        return " on the known path"
-    if not movement.is_whole:
-        return f" from {movement.start:.3g} to {movement.end:.3g} of the path"
-    return ""
 
 
 _USABLE_SHARE = 0.97
@@ -128,8 +97,7 @@ class EffortLimit:
         self._limit_nm = np.array(arm.effort_limit_nm)
         self._at_duration = at_duration
         self._durations_s: list[float] = []
-        self._static_nm: FloatArray | None = None
-        self._dynamic_nms2: FloatArray | None = None
+        self._static_nm = self._dynamic_nms2 = np.zeros((1, len(arm.joints)))
 
     def learn(self, duration_s: float, forecast: Forecaster) -> None:
         """Take in that the learner knows the movement at this duration now."""
@@ -140,19 +108,14 @@ class EffortLimit:
         durations_s = np.array(sorted(self._durations_s)[: _MOST_DURATIONS - 1] + [max(self._durations_s)])
         durations_s = np.unique(durations_s)
         efforts_nm = np.stack([forecast(self._at_duration(float(t))).effort_nm for t in durations_s])
-        columns = [durations_s**-2.0]
-        if len(durations_s) > 1:
-            columns.append(np.ones_like(durations_s))
-        solution = np.linalg.lstsq(
-            np.column_stack(columns), efforts_nm.reshape(len(durations_s), -1), rcond=None
-        )[0].reshape(len(columns), *efforts_nm.shape[1:])
-        self._dynamic_nms2 = solution[0]
-        self._static_nm = solution[1] if len(durations_s) > 1 else np.zeros_like(solution[0])
+        columns = [durations_s**-2.0, np.ones_like(durations_s)][: len(durations_s)]
+        flat_nm = efforts_nm.reshape(len(durations_s), -1)
+        solution = np.linalg.lstsq(np.column_stack(columns), flat_nm, rcond=None)[0]
+        self._dynamic_nms2, *static = solution.reshape(len(columns), *efforts_nm.shape[1:])
+        self._static_nm = static[0] if static else np.zeros_like(self._dynamic_nms2)
 
     def needed_nm(self, duration_s: float) -> FloatArray:
         """Return the largest effort that each joint needs. Shape (n_joints,); zeros if nothing is known."""
-        if self._dynamic_nms2 is None or self._static_nm is None:
-            return np.zeros(len(self._joints))
         needed: FloatArray = np.abs(self._static_nm + self._dynamic_nms2 / duration_s**2).max(axis=0)
         return needed
 

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tel_ros.core.errors import ConfigError
 
 _TRIALS = 3
 """At the same α, before anything is said: fewer cannot tell a standstill from chance."""
-
 _HARDLY = 0.9
 """An error above this share of an earlier one has hardly fallen."""
-
 _GROWN = 1.1
 """An error above this multiple of an earlier one has grown."""
-
 _CLEARLY = 0.7
 """A training error below this share of an earlier one has clearly fallen."""
-
 _CONTENT = 0.5
 _VERY_CONTENT = 0.25
 """A training error below this share of the tracking error does not see it: in slow movements the springs make
 about 1 rad of tracking error out of 1 rad of command error, which is what the training error should tell."""
 
 
-@dataclass(frozen=True)
-class _Trial:
+class _Trial(NamedTuple):
     alpha: float
     error_rad: float
     training_before_rad: float
@@ -61,25 +56,15 @@ class LockUpMonitor:
         self._trials: list[_Trial] = []
 
     def after_trial(
-        self,
-        alpha: float,
-        rms_error_rad: float,
-        training_rms_before_rad: float,
-        training_rms_after_rad: float,
+        self, alpha: float, rms_error_rad: float, training_before_rad: float, training_after_rad: float
     ) -> str:
         """Take in one trial and return what there is to say; empty: nothing.
 
         A trial that told nothing, because it did not reach its movement or nothing was learned from it, is
-        passed over: give NaN.
-
-        Args:
-            alpha: practice parameter.
-            rms_error_rad: tracking error.
-            training_rms_before_rad: RMS of û - N(ŷ) before training.
-            training_rms_after_rad: the same after training.
+        passed over: give NaN. The training errors are the RMS of û - N(ŷ) before and after training.
         """
-        trial = _Trial(alpha, rms_error_rad, training_rms_before_rad, training_rms_after_rad)
-        if not all(map(math.isfinite, (rms_error_rad, training_rms_before_rad, training_rms_after_rad))):
+        trial = _Trial(alpha, rms_error_rad, training_before_rad, training_after_rad)
+        if not all(map(math.isfinite, trial[1:])):
             return ""
         if self._trials and not math.isclose(alpha, self._trials[-1].alpha, rel_tol=1e-9):
             self._trials.clear()

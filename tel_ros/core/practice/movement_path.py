@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
-from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.strategy import Forecast, Movement
 from tel_ros.core.springs import Springs
@@ -43,20 +38,12 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
 def desired_trajectory(
     goal: Path, known: Path | None, movement: Movement, rate_hz: float
 ) -> DesiredTrajectory:
-    """Return the trajectory of a movement, from rest to rest, with ``rate_hz`` points a second.
-
-    Raises:
-        ConfigError: the shape varies, and no path is known.
-    """
+    """Return the trajectory of a movement, from rest to rest (see :func:`movement_path`)."""
     return sample(movement_path(goal, known, movement), movement.own_duration_s, rate_hz)
 
 
 def forecast_trajectory(goal: Path, known: Path | None, movement: Movement) -> DesiredTrajectory:
-    """Return the trajectory to ask the learner about: coarse, with equally many points at any speed.
-
-    Raises:
-        ConfigError: the shape varies, and no path is known.
-    """
+    """Return the trajectory to ask the learner about: coarse, with equally many points at any speed."""
     return desired_trajectory(goal, known, movement, _FORECAST_POINTS / movement.own_duration_s)
 
 
@@ -64,46 +51,31 @@ def forecast_of(
     desired: DesiredTrajectory,
     equilibrium_rad: FloatArray,
     std_rad: FloatArray,
-    arm: ArmConfig,
+    configured: Springs,
     movement: Movement,
 ) -> Forecast:
     """Return a forecast from a prediction: following y exactly takes τ = K (û - y) - B ẏ.
 
+    Stiffer springs turn the same error in the effort into a smaller deviation.
+
     Args:
         desired: y, as asked about.
-        equilibrium_rad: û. Shape (n, n_joints).
+        equilibrium_rad: û for the configured springs. Shape (n, n_joints).
         std_rad: its standard deviation. Shape (n, n_joints).
-        arm: K and B that the prediction is for.
-        movement: stiffer springs turn the same error in the effort into a smaller deviation.
+        configured: K and B.
+        movement: gives the stiffness.
     """
-    stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
-    offset_rad = equilibrium_rad - desired.position_rad
-    return Forecast(std_rad / movement.stiffness, stiffness * offset_rad - damping * desired.velocity_rad_s)
-
-
-class Command(NamedTuple):
-    """The springs of one trial (None: as configured) and û for them. Shape (n, n_joints)."""
-
-    springs: Springs | None
-    equilibrium_rad: FloatArray
+    effort_nm = configured.effort(equilibrium_rad, desired.position_rad, desired.velocity_rad_s)
+    return Forecast(std_rad / movement.stiffness, effort_nm)
 
 
 def command(
-    arm: ArmConfig, movement: Movement, desired: DesiredTrajectory, equilibrium_rad: FloatArray
-) -> Command:
-    """Return the command for the springs of a movement.
-
-    Args:
-        arm: its springs are those that learners learn for.
-        movement: gives the stiffness.
-        desired: y.
-        equilibrium_rad: û for the configured springs, as the learner predicts it. Shape (n, n_joints).
-    """
+    configured: Springs, movement: Movement, desired: DesiredTrajectory, equilibrium_rad: FloatArray
+) -> tuple[Springs | None, FloatArray]:
+    """Return the springs of a movement (None: the configured ones) and û for them."""
     if movement.stiffness == 1.0:
-        return Command(None, equilibrium_rad)
-    configured = Springs.of(arm)
+        return None, equilibrium_rad
     springs = configured.scaled(movement.stiffness)
-    return Command(
-        springs,
-        springs.equilibrium_for(configured, equilibrium_rad, desired.position_rad, desired.velocity_rad_s),
+    return springs, springs.equilibrium_for(
+        configured, equilibrium_rad, desired.position_rad, desired.velocity_rad_s
     )

@@ -1,4 +1,4 @@
-"""The practice step: go back, predict, command, execute, learn, look out for lock-up. Written here alone.
+"""The practice step: go back, predict, command, execute, learn, look out for lock-up.
 
 An arm executes goals, a network predicts and learns: two ports, behind which are ROS, a simulated arm in this
 process, or the bags of an interrupted run.
@@ -8,20 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.learner import TrainingOutcome
+from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
+from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.movement_path import command, desired_trajectory, forecast_of, forecast_trajectory
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial, Strategy
+from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
+from tel_ros.core.trial import Outcome, Trial, TrialGoal, TrialReport
 from tel_ros.core.types import FloatArray
 
-OnAbort = Literal["stop", "continue"]
 TrainingT = TypeVar("TrainingT")
 TrialT = TypeVar("TrialT")
 """What a network learns from: a trial in memory, or the folder of its bag."""
@@ -32,10 +34,8 @@ LearnedT = TypeVar("LearnedT", contravariant=True)
 class Prediction(NamedTuple):
     """What a network answers for a desired trajectory.
 
-    Args:
-        equilibrium_rad: û for the configured springs. Shape (n, n_joints).
-        std_rad: its standard deviation; inf where nothing is known. Shape (n, n_joints).
-        revision: of the network; may be empty.
+    û for the configured springs, its standard deviation (inf where nothing is known) and the revision of the
+    network, which may be empty. Shapes (n, n_joints).
     """
 
     equilibrium_rad: FloatArray
@@ -43,21 +43,32 @@ class Prediction(NamedTuple):
     revision: str = ""
 
 
+def predicted(learner: Learner, desired: DesiredTrajectory, rate_hz: float) -> Prediction:
+    """Return what a learner predicts for a trajectory that is commanded ``rate_hz`` times a second."""
+    inputs = query_inputs(desired, 1.0 / rate_hz)
+    return Prediction(desired.position_rad + learner.predict(inputs), std_along(learner, inputs))
+
+
+def trained(learner: Learner, trial: Trial, config: Config) -> tuple[Learner, TrainingOutcome]:
+    """Let a learner learn from a trial; the one that is given stays as it is.
+
+    Raises:
+        TrainingError: too little is left to learn from.
+    """
+    samples = configured_samples(learning_record(trial), config.learning)
+    return learner.trained_on(samples, config.learning.training)
+
+
 @dataclass(frozen=True)
 class CommandedTrial:
-    """A trial as it goes to the arm.
-
-    Args:
-        plan: of the strategy.
-        goal: for the controller.
-        std_rad: standard deviation of û, for the springs of the trial. Shape (n, n_joints).
-        revision: of the network that has predicted û.
-    """
+    """A trial as it goes to the arm."""
 
     plan: PlannedTrial
     goal: TrialGoal
     std_rad: FloatArray
+    """Standard deviation of û, for the springs of the trial. Shape (n, n_joints)."""
     revision: str
+    """Of the network that has predicted û."""
 
 
 class PracticeArm(Protocol[ExecutedT]):
@@ -94,23 +105,17 @@ class PracticeNetwork(Protocol[LearnedT]):
 
 @dataclass(frozen=True)
 class PractisedTrial(Generic[TrialT]):
-    """One trial of a practice run and what was learned from it.
-
-    Args:
-        plan: of the strategy.
-        report: how it went.
-        trial: what was learned from.
-        training: None if nothing was learned.
-        note: why nothing was learned.
-        warning: what is wrong with the course of learning, e.g. lock-up; empty: nothing.
-    """
+    """One trial of a practice run and what was learned from it."""
 
     plan: PlannedTrial
     report: TrialReport
     trial: TrialT
     training: TrainingOutcome | None
+    """None if nothing was learned."""
     note: str = ""
+    """Why nothing was learned."""
     warning: str = ""
+    """What is wrong with the course of learning, e.g. lock-up; empty: nothing."""
 
 
 class PracticeSession(Generic[TrialT]):
@@ -120,9 +125,9 @@ class PracticeSession(Generic[TrialT]):
         config: of the run.
         path: the configured path.
         known: the path at shape 0; None if the shape does not vary.
-        strategy: what to try next.
+        strategy: what to try next; may be replaced between two trials, as arm and network.
         arm: executes the trials; None: trials are only replayed.
-        network: what is trained. Both may be replaced between two trials.
+        network: what is trained.
     """
 
     def __init__(
@@ -135,6 +140,7 @@ class PracticeSession(Generic[TrialT]):
         network: PracticeNetwork[TrialT],
     ) -> None:
         self._config, self._path, self._known = config, path, known
+        self._springs = Springs.of(config.arm)
         self.strategy, self.arm, self.network = strategy, arm, network
         self._last: TrialReport | None = None
         self._lock_up = LockUpMonitor(config.practice.tolerance_rad)
@@ -151,9 +157,7 @@ class PracticeSession(Generic[TrialT]):
         """
         desired = forecast_trajectory(self._path, self._known, movement)
         prediction = self.network.predict(desired)
-        return forecast_of(
-            desired, prediction.equilibrium_rad, prediction.std_rad, self._config.arm, movement
-        )
+        return forecast_of(desired, *prediction[:2], self._springs, movement)
 
     def run_trial(self, plan: PlannedTrial) -> PractisedTrial[TrialT]:
         """Predict, execute and learn.
@@ -163,16 +167,13 @@ class PracticeSession(Generic[TrialT]):
             TrajectoryError: the arm must not follow this trajectory; nothing has moved.
             TrainingError: the trial cannot be learned from; the network stays as it was.
         """
-        if plan.go_back_to is not None:
-            self.network.load(plan.go_back_to)
         assert self.arm is not None
-        report, trial = self.arm.execute(self.commanded(plan))
-        return self._learn(plan, report, trial)
+        self._go_back(plan)
+        return self._learn(plan, *self.arm.execute(self.commanded(plan)))
 
     def replay_trial(self, plan: PlannedTrial, report: TrialReport, trial: TrialT) -> PractisedTrial[TrialT]:
         """Take in a planned trial that has been executed before, as :meth:`run_trial` would."""
-        if plan.go_back_to is not None:
-            self.network.load(plan.go_back_to)
+        self._go_back(plan)
         return self._learn(plan, report, trial)
 
     def commanded(self, plan: PlannedTrial) -> CommandedTrial:
@@ -180,18 +181,20 @@ class PracticeSession(Generic[TrialT]):
         movement = plan.movement
         desired = desired_trajectory(self._path, self._known, movement, self._config.control.rate_hz)
         prediction = self.network.predict(desired)
-        asked = command(self._config.arm, movement, desired, prediction.equilibrium_rad)
-        goal = TrialGoal(plan.index, plan.alpha, desired, asked.equilibrium_rad, asked.springs)
+        springs, equilibrium_rad = command(self._springs, movement, desired, prediction.equilibrium_rad)
+        goal = TrialGoal(plan.index, plan.alpha, desired, equilibrium_rad, springs)
         # The same error in the effort takes a smaller error in û with stiffer springs.
         return CommandedTrial(plan, goal, prediction.std_rad / movement.stiffness, prediction.revision)
 
+    def _go_back(self, plan: PlannedTrial) -> None:
+        if plan.go_back_to is not None:
+            self.network.load(plan.go_back_to)
+
     def _learn(self, plan: PlannedTrial, report: TrialReport, trial: TrialT) -> PractisedTrial[TrialT]:
         self._last = report
+        on_abort = self._config.practice.on_abort
         training, note = learned_or_passed_over(
-            report.outcome,
-            report.run_ns > 0,
-            self._config.practice.on_abort,
-            lambda: self.network.train(trial),
+            report.outcome, report.run_ns > 0, on_abort, lambda: self.network.train(trial)
         )
         if training is not None or report.outcome == Outcome.COMPLETED:
             self.network.save(plan.index)  # the strategy may go back to it
@@ -204,7 +207,7 @@ class PracticeSession(Generic[TrialT]):
 
 
 def learned_or_passed_over(
-    outcome: Outcome, reached_run: bool, on_abort: OnAbort, train: Callable[[], TrainingT]
+    outcome: Outcome, reached_run: bool, on_abort: str, train: Callable[[], TrainingT]
 ) -> tuple[TrainingT | None, str]:
     """Learn from a trial, or pass it over.
 
@@ -212,14 +215,8 @@ def learned_or_passed_over(
     goes on after aborts. Of a completed one too little may be left, because the effort was clipped or held
     back for late states: that ends practice unless it goes on after aborts.
 
-    Args:
-        outcome: of the trial.
-        reached_run: whether it reached its movement.
-        on_abort: ``practice.on_abort``.
-        train: learns from it.
-
     Returns:
-        What training gave, or None and the reason.
+        What ``train`` gave, or None and the reason.
 
     Raises:
         TrainingError: nothing can be learned from the trial, and that ends practice.

@@ -41,6 +41,11 @@ class Movement:
         """Whether it is the whole path."""
         return (self.start, self.end) == (0.0, 1.0)
 
+    @property
+    def part_text(self) -> str:
+        """Which part of the path it is."""
+        return f"from {self.start:.3g} to {self.end:.3g} of the path"
+
 
 @dataclass(frozen=True)
 class Forecast:
@@ -106,12 +111,7 @@ class Strategy(Protocol):
         ...
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
-        """Return the next trial, or the end of practice.
-
-        Args:
-            last: the trial that has just ended; None at the beginning.
-            forecast: asks the learner as it is now.
-        """
+        """Return what follows a trial (None: the beginning); ``forecast`` asks the learner as it is now."""
         ...
 
     def movements_to_cover(self) -> Sequence[Movement]:

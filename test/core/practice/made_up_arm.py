@@ -16,10 +16,11 @@ from tel_ros.core.types import FloatArray
 
 def config_of(path_tolerance_rad: float = 1.0, **practice: object) -> Config:
     """Return a configuration with these values in its section ``practice``."""
+    settings = PracticeConfig(**practice)  # type: ignore[arg-type]
     return Config(
         arm=arm_config(),
-        path=PathConfig(name="planar_loops"),
-        practice=PracticeConfig(**practice),  # type: ignore[arg-type]
+        path=PathConfig(name="planar_loops", known_name="planar_loops" if "shape" in settings.vary else ""),
+        practice=settings,
         control=ControlConfig(path_tolerance_rad=path_tolerance_rad),
     )
 

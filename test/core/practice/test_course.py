@@ -14,6 +14,7 @@ from tel_ros.core.config import Config, ControlConfig, PathConfig, PracticeConfi
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
+from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.trial import Outcome
 
@@ -121,8 +122,7 @@ def forecast_of_a_good_learner(movement: Movement) -> Forecast:
 
 def run(vary: tuple[str, ...], **practice: Any) -> tuple[list[PlannedTrial], Ending]:
     """Practise on an arm that always comes out within all tolerances."""
-    settings = PracticeConfig(vary=vary, **practice)  # type: ignore[arg-type]
-    strategy = AdaptiveExtension(settings, config_of().arm, 1.0)
+    strategy = AdaptiveExtension(config_of(vary=vary, **practice))
     plans, last = [], None
     while isinstance(decision := strategy.next(last, forecast_of_a_good_learner), PlannedTrial):
         plans.append(decision)
@@ -156,8 +156,7 @@ def test_the_effort_limit_is_looked_for_along_the_speed_with_the_amplitude_of_th
 
 
 def test_where_there_is_nothing_easier_an_abort_of_the_first_trial_ends_practice() -> None:
-    settings = PracticeConfig(vary=("stiffness",))
-    strategy = AdaptiveExtension(settings, config_of().arm, 1.0)
+    strategy = AdaptiveExtension(config_of(vary=("stiffness",)))
     plan = strategy.next(None, MadeUpArm().forecast)
     assert isinstance(plan, PlannedTrial)
     ending = strategy.next(report_of(plan, Outcome.ABORTED), MadeUpArm().forecast)
@@ -181,8 +180,7 @@ def test_after_an_abort_practice_goes_back_to_what_is_safe_without_a_network(
     vary: tuple[str, ...], expected: Movement
 ) -> None:
     practice: dict[str, Any] = {"first_amplitude": 0.25, "first_stiffness": 4.0}
-    settings = PracticeConfig(vary=vary, **practice)  # type: ignore[arg-type]
-    strategy = AdaptiveExtension(settings, config_of().arm, 1.0)
+    strategy = AdaptiveExtension(config_of(vary=vary, **practice))
     last = None
     while True:
         plan = strategy.next(last, forecast_of_a_good_learner if last else MadeUpArm().forecast)
@@ -196,8 +194,7 @@ def test_after_an_abort_practice_goes_back_to_what_is_safe_without_a_network(
 
 
 def test_after_an_abort_of_the_first_trial_a_smaller_movement_is_tried() -> None:
-    settings = PracticeConfig(vary=("amplitude",))
-    strategy = AdaptiveExtension(settings, config_of().arm, 1.0)
+    strategy = AdaptiveExtension(config_of(vary=("amplitude",)))
     plan = strategy.next(None, MadeUpArm().forecast)
     assert isinstance(plan, PlannedTrial)
     smaller = strategy.next(report_of(plan, Outcome.ABORTED), MadeUpArm().forecast)
@@ -209,9 +206,9 @@ def test_after_an_abort_of_the_first_trial_a_smaller_movement_is_tried() -> None
 def test_with_only_the_speed_it_is_practice_as_ever() -> None:
     """The same plans whether the course is given or not, and no other words."""
     config = config_of()
-    default = practise(AdaptiveExtension(config.practice, config.arm, 1.0), MadeUpArm())
+    default = practise(AdaptiveExtension(config), MadeUpArm())
     given = Course([Leg("speed", 11.5, 4.5)], Movement(4.5))
-    explicit = practise(AdaptiveExtension(config.practice, config.arm, 1.0, course=given), MadeUpArm())
+    explicit = practise(AdaptiveExtension(config, given), MadeUpArm())
     assert [plan.movement for plan in default[0]] == [plan.movement for plan in explicit[0]]
     assert default[2] == explicit[2]
     assert default[2].message.startswith("4.5 s reached with")
@@ -238,13 +235,13 @@ def test_what_practice_cannot_vary_is_refused(key: str, bad: Any, expected: str)
     ("values", "key"),
     [
         ({"vary": ("amplitude",), "durations_s": (9.0,)}, "vary"),
-        ({"vary": ("amplitude",), "strategy": "subtasks"}, "vary"),
-        ({"vary": ("amplitude", "speed"), "trials": 2}, "trials"),
+        ({"vary": ("amplitude",), "strategy": "subtasks"}, "practice.vary"),
+        ({"vary": ("amplitude", "speed"), "trials": 2}, "practice.trials"),
     ],
 )
 def test_settings_that_contradict_what_varies_are_refused(values: dict[str, Any], key: str) -> None:
     with pytest.raises(ConfigError) as refusal:
-        PracticeConfig(**values)
+        make_strategy(config_of(**values))
     assert refusal.value.key == key
 
 

@@ -22,6 +22,7 @@ from tel_ros.core.trajectories.trajectory import sample
 LOOPS = NAMED_PATHS["planar_loops"]
 LINE = waypoint_path("line", np.array([[0.2, 0.5], [1.0, 1.5]]))
 ENDS = np.array([0.0, 1.0])
+CONFIGURED = Springs.of(arm_config())
 
 
 def test_a_movement_that_varies_only_the_speed_has_the_path_itself() -> None:
@@ -58,39 +59,39 @@ def test_the_whole_is_sampled_as_ever() -> None:
 
 def test_as_stiff_as_configured_the_command_is_the_prediction_itself() -> None:
     desired = sample(LOOPS, 4.5, 500.0)
-    asked = command(arm_config(), Movement(4.5), desired, desired.position_rad)
-    assert asked.springs is None
-    assert asked.equilibrium_rad is desired.position_rad
+    springs, equilibrium_rad = command(CONFIGURED, Movement(4.5), desired, desired.position_rad)
+    assert springs is None
+    assert equilibrium_rad is desired.position_rad
 
 
 def test_stiffer_springs_are_sent_to_where_they_exert_the_predicted_effort() -> None:
     arm, desired = arm_config(), sample(LOOPS, 4.5, 500.0)
     predicted = desired.position_rad + 0.1
-    asked = command(arm, Movement(4.5, stiffness=4.0), desired, predicted)
-    assert asked.springs is not None
+    springs, equilibrium_rad = command(CONFIGURED, Movement(4.5, stiffness=4.0), desired, predicted)
+    assert springs is not None
     k, b = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
-    np.testing.assert_allclose(asked.springs.stiffness_nm_per_rad, 4.0 * k)
-    np.testing.assert_allclose(asked.springs.damping_nms_per_rad, 2.0 * b, err_msg="the damping ratio stays")
+    np.testing.assert_allclose(springs.stiffness_nm_per_rad, 4.0 * k)
+    np.testing.assert_allclose(springs.damping_nms_per_rad, 2.0 * b, err_msg="the damping ratio stays")
     wanted_nm = k * 0.1 - b * desired.velocity_rad_s
-    found_nm = 4.0 * k * (asked.equilibrium_rad - desired.position_rad) - 2.0 * b * desired.velocity_rad_s
+    found_nm = 4.0 * k * (equilibrium_rad - desired.position_rad) - 2.0 * b * desired.velocity_rad_s
     np.testing.assert_allclose(found_nm, wanted_nm, atol=1e-12)
 
 
 def test_of_stiffer_springs_the_forecast_expects_less_deviation_and_the_same_effort() -> None:
-    arm = arm_config()
     soft, stiff = Movement(4.5), Movement(4.5, stiffness=4.0)
     desired = forecast_trajectory(LOOPS, None, soft)
     offset, std = np.full_like(desired.position_rad, 0.1), np.full_like(desired.position_rad, 0.02)
-    of_soft, of_stiff = (forecast_of(desired, offset, std, arm, movement) for movement in (soft, stiff))
+    of_soft, of_stiff = (
+        forecast_of(desired, offset, std, CONFIGURED, movement) for movement in (soft, stiff)
+    )
     np.testing.assert_array_equal(of_soft.std_rad, std)
     np.testing.assert_allclose(of_stiff.std_rad, std / 4.0)
     np.testing.assert_array_equal(of_stiff.effort_nm, of_soft.effort_nm)
 
 
 def test_springs_go_back_to_the_configured_ones_without_a_trace() -> None:
-    configured = Springs.of(arm_config())
-    used = configured.scaled(3.0)
+    used = CONFIGURED.scaled(3.0)
     rng = np.random.default_rng(3)
     u, q, v = rng.normal(size=(3, 50, 2))
-    there = used.equilibrium_for(configured, u, q, v)
-    np.testing.assert_allclose(configured.equilibrium_for(used, there, q, v), u, atol=1e-12)
+    there = used.equilibrium_for(CONFIGURED, u, q, v)
+    np.testing.assert_allclose(CONFIGURED.equilibrium_for(used, there, q, v), u, atol=1e-12)

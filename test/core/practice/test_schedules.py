@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from made_up_arm import config_of, report_of
 
-from tel_ros.core.config import PathConfig, PracticeConfig
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 
@@ -19,14 +16,7 @@ def no_forecast(movement: Movement) -> Forecast:
 
 def plans_of(*vary: str, **practice: object) -> list[PlannedTrial]:
     """Return the trials of a run in which nothing goes wrong."""
-    config = config_of()
-    known = "planar_loops" if "shape" in vary else ""
-    config = dataclasses.replace(
-        config,
-        path=PathConfig(name="planar_loops", known_name=known),
-        practice=PracticeConfig(vary=vary, **practice),  # type: ignore[arg-type]
-    )
-    strategy = make_strategy(config)
+    strategy = make_strategy(config_of(vary=vary, **practice))
     preview, plans, last = strategy.preview(), [], None
     while isinstance(decision := strategy.next(last, no_forecast), PlannedTrial):
         plans.append(decision)

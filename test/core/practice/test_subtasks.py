@@ -11,8 +11,7 @@ from made_up_arm import MadeUpArm, config_of, practise, report_of
 from tel_ros.core.config import PracticeConfig
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.movement_path import desired_trajectory
-from tel_ros.core.practice.schedules import Subtasks
-from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategies import Subtasks, make_strategy
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trial import Outcome, TrialReport
