@@ -16,7 +16,7 @@ from types import TracebackType
 
 import psutil
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, NodeDiedError
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
 from tel_ros.core.config import Config
 
 MODULES = {
@@ -108,13 +108,14 @@ class NodeProcesses:
         """Make sure that all nodes live.
 
         Raises:
-            NodeDiedError: one has ended; the message says which, how, and what it said last.
+            GraphError: one has ended; the message says which, how, and what it said last.
         """
         for name, process in self._processes.items():
             code = process.poll()
             if code is not None:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}", code == EXIT_BAD_INPUT)
+                exit_code = EXIT_BAD_INPUT if code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
+                raise GraphError(f"node {name} {how}{self._last_words(name)}", exit_code)
 
     def stop(self) -> None:
         """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""

@@ -8,7 +8,14 @@ from typing import Any, NoReturn
 
 import click
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, end, wants_traceback
+from tel_ros.app.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_GRAPH_FAILED,
+    EXIT_INTERRUPTED,
+    GraphError,
+    end,
+    wants_traceback,
+)
 from tel_ros.app.extensions import load
 from tel_ros.core.errors import TelError
 
@@ -73,6 +80,8 @@ class CommandGroup(LazyGroup):
             raise
         except KeyboardInterrupt:
             end("interrupted", EXIT_INTERRUPTED)
+        except GraphError as error:
+            end(str(error), error.exit_code)
         except TelError as error:
             end(str(error), EXIT_BAD_INPUT)
         except ModuleNotFoundError as error:

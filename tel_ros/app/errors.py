@@ -18,19 +18,10 @@ EXIT_INTERRUPTED = 130
 
 
 class GraphError(TelError):
-    """The node graph did not come up, or broke down."""
+    """The node graph did not come up, or broke down; with the exit code that tells why."""
 
-
-class NodeDiedError(GraphError):
-    """A node's process ended although the run had not.
-
-    Args:
-        message: which, how, and what it said.
-        bad_input: whether it ended because it could not use what it was given.
-    """
-
-    def __init__(self, message: str, bad_input: bool) -> None:
-        self.bad_input = bad_input
+    def __init__(self, message: str, exit_code: int = EXIT_GRAPH_FAILED) -> None:
+        self.exit_code = exit_code
         super().__init__(message)
 
 

@@ -21,7 +21,6 @@ from tel_ros.app.errors import (
     EXIT_INTERRUPTED,
     EXIT_NOT_COMPLETED,
     GraphError,
-    NodeDiedError,
     end,
 )
 from tel_ros.app.tables import trial_table
@@ -103,8 +102,7 @@ def practice(
             with ProgressView(_PROGRESS) as progress:
                 result = practise(config, folder, progress.update, beside, namespace)
     except GraphError as error:
-        bad_input = isinstance(error, NodeDiedError) and error.bad_input
-        end(f"{error}{_left(folder)}", EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
+        end(f"{error}{_left(folder)}", error.exit_code)
     except KeyboardInterrupt:
         text = f"interrupted: the arm was brought to rest and all nodes have ended{_left(folder)}"
         end(text, EXIT_INTERRUPTED)

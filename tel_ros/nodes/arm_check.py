@@ -14,6 +14,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 
 from tel_ros.core.check.evidence import Endpoint, StateRecord
@@ -37,11 +38,7 @@ class ArmClient:
     """Hears all joint states; commands efforts only while :meth:`run` runs. Use it with ``with``.
 
     There is no publisher of commands before the first :meth:`open_channel`: who only listens cannot command.
-
-    Args:
-        joints: names, in the order of all arrays.
-        still_there: called in every turn; raises if it makes no sense to go on.
-        namespace: of the arm.
+    ``still_there`` is called in every turn and raises if it makes no sense to go on.
     """
 
     def __init__(
@@ -50,8 +47,7 @@ class ArmClient:
         self._joints, self._still_there = tuple(joints), still_there
         self._rows: list[Row] = []
         self._program: Program | None = None
-        self._channel: CommandChannel | None = None
-        self._layer: SafetyLayer | None = None
+        self._channel: tuple[CommandChannel, SafetyLayer] | None = None
         self.names: set[tuple[str, ...]] = set()
         """Lists of names that have come."""
         self.malformed = 0
@@ -116,16 +112,10 @@ class ArmClient:
         return came
 
     def open_channel(self, layer: SafetyLayer, timeout_s: float) -> bool:
-        """Make a publisher of commands; return whether somebody listens to it in time.
-
-        Args:
-            layer: what every effort goes through.
-            timeout_s: wall clock.
-        """
-        if self._channel is None:
-            self._channel = CommandChannel(self.node, "effort")
-        self._layer, channel = layer, self._channel
+        """Make a publisher of commands, all through this layer; return whether somebody listens in time."""
+        channel = CommandChannel(self.node, "effort")
         channel.open(layer)
+        self._channel = channel, layer
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)
 
     def run(self, programs: Iterable[Program]) -> None:
@@ -138,7 +128,6 @@ class ArmClient:
                 self._program = program
                 self.spin_until(partial(self._watched, program), math.inf)
         finally:
-            self._program = None
             self.send_zero()
 
     def send_zero(self) -> None:
@@ -167,43 +156,41 @@ class ArmClient:
         stamp_ns = time_ns(message.header.stamp)
         position = np.array(message.position)[columns]
         age_s = (time.time_ns() - stamp_ns) / NS_PER_S
-        velocity, effort = (
-            self._field(values, names, columns) for values in (message.velocity, message.effort)
-        )
+        velocity = self._field(message.velocity, names, columns)
+        effort = self._field(message.effort, names, columns)
         self._rows.append((now_s, stamp_ns, age_s, position, velocity, effort))
         if self._program is not None and not self._program.done:
             self._send(self._program.step(now_s, position), stamp_ns)
 
     def _field(self, values: Sequence[float], names: Sequence[str], columns: list[int]) -> FloatArray:
         """Return a field that may be missing, in the order of the joints; NaN where it is."""
-        if len(values) == 0:
-            return np.full(len(columns), math.nan)
-        if len(values) != len(names):
-            self.malformed += 1
-            return np.full(len(columns), math.nan)
-        return np.array(values)[columns]
+        if len(values) == len(names):
+            return np.array(values)[columns]
+        self.malformed += len(values) > 0
+        return np.full(len(columns), math.nan)
 
     def _send(self, effort_nm: FloatArray | None, stamp_ns: int | None = None) -> None:
-        if effort_nm is None or self._channel is None or self._layer is None:
+        if effort_nm is None or self._channel is None:
             return
+        channel, layer = self._channel
         answered_ns = stamp_ns if stamp_ns is not None else (self._rows[-1][1] if self._rows else 0)
-        self._layer.permit_pulse(effort_nm)
-        self._channel.send(answered_ns)
+        layer.permit_pulse(effort_nm)
+        channel.send(answered_ns)
 
 
-def endpoints(client: ArmClient, command_topic: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:
+def endpoints(node: Node, command_topic: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:
     """Return who else publishes joint states, publishes commands and subscribes to commands."""
-    node = client.node
+    own = (node.get_name(), node.get_namespace())
+
+    def others(infos: list[TopicEndpointInfo]) -> list[Endpoint]:
+        return sorted(
+            (info.node_name, info.topic_type, info.qos_profile.reliability.name.lower())
+            for info in infos
+            if (info.node_name, info.node_namespace) != own
+        )
+
     return (
-        _others(node, node.get_publishers_info_by_topic(topics.JOINT_STATES)),
-        _others(node, node.get_publishers_info_by_topic(command_topic)),
-        _others(node, node.get_subscriptions_info_by_topic(command_topic)),
-    )
-
-
-def _others(node: Node, infos: list) -> list[Endpoint]:
-    return sorted(
-        (info.node_name, info.topic_type, info.qos_profile.reliability.name.lower())
-        for info in infos
-        if (info.node_name, info.node_namespace) != (node.get_name(), node.get_namespace())
+        others(node.get_publishers_info_by_topic(topics.JOINT_STATES)),
+        others(node.get_publishers_info_by_topic(command_topic)),
+        others(node.get_subscriptions_info_by_topic(command_topic)),
     )

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tel_ros.app.check.command import check
+from tel_ros.app.cli import main
 from tel_ros.recording import topics
 
 pytestmark = [pytest.mark.timeout(90), pytest.mark.realtime]
@@ -36,9 +36,9 @@ TIMING = {"rate of states", "rate of stamps", "jitter of arrival", "age of state
 """A busy machine may spoil these for an arm that has nothing wrong with it."""
 PATIENT_CHECK = """
 import tel_ros.app.check.run as app, tel_ros.core.check.pulses as bounds
-from tel_ros.app.check.command import check
+from tel_ros.app.cli import main
 app.MOST_STATE_GAP_S = bounds.MOST_STATE_GAP_S = 2.0
-check()
+main()
 """
 StartArm = Callable[[str], None]
 
@@ -80,7 +80,7 @@ def graph_node() -> Iterator[Node]:
 def run(*arguments: str, answer: str = "") -> tuple[int, str, str]:
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        result = CliRunner().invoke(check, [str(CONFIG), *arguments], input=answer)
+        result = CliRunner().invoke(main, ["check", str(CONFIG), *arguments], input=answer)
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
@@ -169,7 +169,7 @@ def test_a_passive_check_and_one_that_nobody_agrees_to_command_nothing(
 
 def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm, graph_node: Node) -> None:
     states: list[JointState] = []
-    command = [sys.executable, "-c", PATIENT_CHECK, str(CONFIG), *EXTERNAL, "--yes"]
+    command = [sys.executable, "-c", PATIENT_CHECK, "check", str(CONFIG), *EXTERNAL, "--yes"]
     fake_arm("no_watchdog")  # so that nothing but the check's own last command can switch the effort off
     try:
         for _ in range(3):  # on a machine that stands still the check may be over before the signal comes

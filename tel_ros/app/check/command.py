@@ -10,23 +10,14 @@ from functools import partial
 from pathlib import Path
 
 import click
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from tel_ros.app.config_argument import config_argument, namespace_option
-from tel_ros.app.errors import (
-    EXIT_BAD_INPUT,
-    EXIT_GRAPH_FAILED,
-    EXIT_INTERRUPTED,
-    GraphError,
-    NodeDiedError,
-    end,
-)
+from tel_ros.app.errors import EXIT_INTERRUPTED, end
+from tel_ros.app.tables import simple_table
 from tel_ros.core.check.checks import worst
 from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
-from tel_ros.core.errors import TelError
 from tel_ros.recording.config_file import load_config
 
 EXIT_WRONG = 1
@@ -109,15 +100,10 @@ def check(
         except click.Abort:
             return False
 
+    bounds = PulseBounds(effort_share, range_rad)
     try:
-        bounds = PulseBounds(effort_share, range_rad)
         config = load_config(config_file, overrides, partial(description_in, namespace))
         findings = check_arm(config, None if passive else bounds, agree, listen_s, namespace)
-    except GraphError as error:
-        bad_input = isinstance(error, NodeDiedError) and error.bad_input
-        end(str(error), EXIT_BAD_INPUT if bad_input else EXIT_GRAPH_FAILED)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         end("interrupted: zero effort was commanded if anything was", EXIT_INTERRUPTED)
     if as_json:
@@ -132,9 +118,8 @@ def check(
 def _show(findings: list[Finding]) -> None:
     if not _OUT.is_terminal:
         _OUT.width = _LOG_WIDTH
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("check", "joint", "", "measured", "expected"):
-        table.add_column(heading, overflow="fold")
+    headings = ("check", "joint", "", "measured", "expected")
+    table = simple_table(*headings, left=headings)
     for finding in findings:
         mark = f"[{_COLOURS[finding.verdict]}]{finding.verdict.value}[/]"
         table.add_row(finding.check, finding.joint, mark, finding.measured, finding.expected)

@@ -34,10 +34,6 @@ DISCOVERY_S = 0.5
 Agree = Callable[[str], bool]
 
 
-class NoArmError(GraphError):
-    """No joint states have come."""
-
-
 def check_arm(
     config: Config, bounds: PulseBounds | None, agree: Agree, listen_s: float = 2.0, namespace: str = "/"
 ) -> list[Finding]:
@@ -52,8 +48,7 @@ def check_arm(
 
     Raises:
         ConfigError: something about the configuration is wrong; nothing has moved.
-        NoArmError: no joint states within ``run.arm_timeout_s``.
-        GraphError: the simulated arm did not come up or died.
+        GraphError: no joint states within ``run.arm_timeout_s``, or the simulated arm died.
         KeyboardInterrupt: passed on after zero effort was commanded.
     """
     if not 0.5 <= listen_s <= 600.0:
@@ -99,7 +94,7 @@ def _refuse_other_arm(config: Config, namespace: str) -> None:
     """Make sure that a check of the simulated arm cannot reach another one."""
     with ArmClient(config.arm.joints, namespace=namespace) as client:
         client.spin_for(DISCOVERY_S)
-        found = endpoints(client, _command_topic(config))
+        found = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
     others = [node for kind in found for node, _, _ in kind]
     if others:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
@@ -114,7 +109,7 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
         topic = client.node.resolve_topic_name(topics.JOINT_STATES)
-        raise NoArmError(
+        raise GraphError(
             f"no joint states on {topic} within {timeout_s:g} s.{namespace_hint(client.node, topic)} "
             "Is the arm's driver running, its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
         )
@@ -123,17 +118,13 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     client.forget()
 
 
-def _command_topic(config: Config) -> str:
-    return topics.COMMANDS[config.arm.command_interface]
-
-
 def _listen(client: ArmClient, config: Config, listen_s: float) -> Evidence:
     client.spin_for(listen_s)
     return Evidence(
         config.arm,
         config.control.rate_hz,
         client.states(),
-        *endpoints(client, _command_topic(config)),
+        *endpoints(client.node, topics.COMMANDS[config.arm.command_interface]),
         names=client.names,
         malformed=client.malformed,
         listened_s=listen_s,
@@ -163,7 +154,7 @@ def _pulse(client: ArmClient, config: Config, bounds: PulseBounds, listened: Evi
     resolution = client.states().resolution_rad()
     client.forget()
     if not client.spin_until(lambda: len(client.states()) > 0, CHANNEL_TIMEOUT_S):
-        raise NoArmError("the joint states have stopped")
+        raise GraphError("the joint states have stopped")
     start = client.states()
     state_gap_s = min(config.control.state_timeout_s, MOST_STATE_GAP_S)
     guard = PulseGuard(config.arm, bounds, start.position_rad[-1], time.monotonic(), state_gap_s)

@@ -1,11 +1,49 @@
-"""The list of all checks, in the order in which a person reads them."""
+"""The list of all checks, in the order in which a person reads them, and what each of them needs."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
 
 from tel_ros.core.check import driver, listening, response
-from tel_ros.core.check.evidence import Check, Evidence, Finding, Needs, Verdict
+from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding, Verdict
+
+
+class Needs(Enum):
+    """What has to be there for a check to be made."""
+
+    GRAPH = "who is on the topics, and the names in the joint states"
+    STATES = "enough states that name all joints"
+    POSITIONS = "such states with finite positions"
+    MOTION = "states heard after that, with finite positions"
+    ATTEMPT = "an attempt to pulse the arm"
+    PULSES = "pulses that were sent"
+
+    def met_by(self, evidence: Evidence) -> bool:
+        """Return whether it is there."""
+        states = evidence.moving if self is Needs.MOTION else evidence.states
+        finite = states is not None and bool(np.isfinite(states.position_rad).all())
+        enough = len(evidence.states) >= ENOUGH_STATES
+        met = {Needs.STATES: enough, Needs.POSITIONS: enough and finite, Needs.MOTION: finite}
+        return met.get(self, self is not Needs.PULSES or evidence.pulses is not None)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing to find out about an arm: from the evidence to findings for the arm or for each joint."""
+
+    title: str
+    needs: Needs
+    judge: Callable[[Evidence], Iterable[Finding]]
+
+    def findings(self, evidence: Evidence) -> list[Finding]:
+        """Return what it finds, under its title; an empty list if what it needs is missing."""
+        found = self.judge(evidence) if self.needs.met_by(evidence) else ()
+        return [replace(finding, check=self.title) for finding in found]
+
 
 CHECKS = (
     Check("publisher of states", Needs.GRAPH, listening.state_publisher),
@@ -52,7 +90,4 @@ def judge(evidence: Evidence, needs: Collection[Needs]) -> list[Finding]:
 def worst(findings: Iterable[Finding]) -> Verdict:
     """Return the verdict on all of it: wrong if one is, else a warning if there is one, else OK."""
     verdicts = {finding.verdict for finding in findings}
-    for verdict in (Verdict.WRONG, Verdict.WARNING):
-        if verdict in verdicts:
-            return verdict
-    return Verdict.OK
+    return next((v for v in (Verdict.WRONG, Verdict.WARNING) if v in verdicts), Verdict.OK)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tel_ros.core.check.evidence import Evidence, Finding, Pulse, Silence, Verdict, judged
+from tel_ros.core.check.evidence import Evidence, Finding, Pulse, Silence, Verdict, judged, unchecked
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 DELAY_PERIODS = 2.5
@@ -31,7 +31,7 @@ def delay(seen: Evidence) -> Iterator[Finding]:
     delays = [motion_delay_s(pulse, seen.pulsed.visible_rad) for pulse in seen.pulsed.pulses]
     known = [delay for delay in delays if delay is not None]
     if not known:
-        yield Finding(Verdict.NOT_CHECKED, "no joint moved", expected)
+        yield unchecked("no joint moved", expected)
         return
     delay_s = float(np.median(known))
     yield judged(
@@ -50,10 +50,6 @@ def motion_delay_s(pulse: Pulse, visible_rad: FloatArray) -> float | None:
     The effort that was sent, integrated twice, is the motion of an inertia; integrated once more, that of a
     small viscous friction. Their combination is fitted to the motion for one delay after the other; the best
     one counts. The joint is used that has gone furthest, relative to the motion that can be seen.
-
-    Args:
-        pulse: as it was sent.
-        visible_rad: how far each joint has to go to have moved at all. Shape (n_joints,).
     """
     went_rad = np.abs(pulse.displacement_rad()) / visible_rad
     j = int(np.argmax(went_rad))
@@ -88,7 +84,7 @@ def effort_field(seen: Evidence) -> Iterator[Finding]:
         gain = effort_gain(own, j)
         if gain is None:
             if own:
-                yield Finding(Verdict.NOT_CHECKED, "none is sent", expected, joint=joint)
+                yield unchecked("none is sent", expected, joint=joint)
             continue
         flipped = gain < -1.0 / FOLLOWS
         mend = "it is not in N·m at the joint, belongs to another joint, is filtered, or the channel is dead"
@@ -130,7 +126,7 @@ def effort_steps(seen: Evidence) -> Iterator[Finding]:
         expected = f"steps of up to {limit_nm:.3g} N·m ({QUANTUM_SHARE:.1%} of the limit)"
         if not len(steps):
             text = "the effort field has not changed" if len(values) else "none is sent"
-            yield Finding(Verdict.NOT_CHECKED, text, expected, joint=joint)
+            yield unchecked(text, expected, joint=joint)
             continue
         step_nm = float(steps.min())
         mend = "small corrections are lost between such steps: a finer command interface, or less gear"
@@ -151,8 +147,7 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
         "the last command for ever. Give the hardware interface a time-out; else a crash leaves effort on"
     )
     if silence is None:
-        text = "not tried: it needs a joint that moves when it is pushed"
-        yield Finding(Verdict.NOT_CHECKED, text, expected)
+        yield unchecked("not tried: it needs a joint that moves when it is pushed", expected)
         return
     # Two periods for the way there and back.
     allowed_s = WATCHDOG_S + 2.0 / rate_hz + 0.005
@@ -160,12 +155,10 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
     if acted_s is None:
         before, after = _accelerations(silence, allowed_s)
         if not np.isfinite(before + after) or before == 0.0:
-            yield Finding(Verdict.NOT_CHECKED, "the motion does not show it", expected)
+            yield unchecked("the motion does not show it", expected)
             return
-        share = after / before
-        after_ms = f"{allowed_s * 1e3:.0f} ms"
-        measured = f"{share:.0%} of the acceleration is left after {after_ms} (no effort field)"
-        yield judged(share < 0.5, measured, expected, mend)
+        left = f"{after / before:.0%} of the acceleration is left after {allowed_s * 1e3:.0f} ms"
+        yield judged(after / before < 0.5, f"{left} (no effort field)", expected, mend)
         return
     measured = f"effort until {max(acted_s, 0.0) * 1e3:.0f} ms after the last command"
     if acted_s > allowed_s:

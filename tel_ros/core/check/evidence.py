@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
 
 import numpy as np
 
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 ROUNDING_RAD = 1e-6
-"""What the driver's own arithmetic, single precision as well, makes of equal readings, or of equal steps.
-
-Four roundings of angles up to 4 rad at most; and far less than the motion by which a pulse is seen.
-"""
+"""By so much equal readings or steps may differ: four roundings in single precision of up to 4 rad."""
 DEGREES = math.degrees(1.0)
 ENOUGH_STATES = 20
 
@@ -57,10 +54,10 @@ class StateRecord:
         return StateRecord(self.joints, *(getattr(self, column.name)[rows] for column in fields(self)[1:]))
 
     def resolution_rad(self) -> FloatArray:
-        """Return the resolution of the positions, from states of an arm at rest or in motion.
+        """Return the resolution of the positions of an arm at rest or in motion. Shape (n_joints,).
 
         The smallest step that was seen, which is that of the encoder, or the noise from one state to the
-        next, whichever is more. Zero for a joint that has not changed. Shape (n_joints,).
+        next, whichever is more. Zero for a joint that has not changed.
         """
         steps = np.diff(self.position_rad, axis=0)
         # Of a joint that moves a step is motion, but how steps differ is not; and steps of an encoder differ
@@ -68,13 +65,13 @@ class StateRecord:
         changes = np.diff(steps, axis=0)
         both = np.abs(np.concatenate([steps, changes]))
         both[both < ROUNDING_RAD] = 0.0
-        smallest = np.where(both > 0.0, both, np.inf).min(axis=0, initial=np.inf)
+        smallest: FloatArray = np.where(both > 0.0, both, np.inf).min(axis=0, initial=np.inf)
         smallest[~np.isfinite(smallest)] = 0.0
         if not len(changes):
-            return np.asarray(smallest, dtype=np.float64)
+            return smallest
         # The variance of the difference of two neighbouring steps is three times that of a step.
-        noise = np.median(both[len(steps) :], axis=0) / math.sqrt(3.0)
-        return np.asarray(np.maximum(smallest, noise), dtype=np.float64)
+        noise: FloatArray = np.median(both[len(steps) :], axis=0) / math.sqrt(3.0)
+        return np.maximum(smallest, noise)
 
 
 @dataclass(frozen=True)
@@ -122,25 +119,21 @@ class Silence:
 
 @dataclass(frozen=True)
 class Pulsed:
-    """What a session of pulses has shown.
-
-    Args:
-        pulses: the strongest pair of each joint.
-        silence: the test of the watchdog, if there was one.
-        visible_rad: how far each joint has to go to have moved at all. Shape (n_joints,).
-        complaint: why it ended early; empty if it did not.
-        mend: what to do about that.
-        inertia_kgm2: of the URDF at this posture, shape (n_joints, n_joints); None: not known.
-        friction_nms_per_rad: viscous, of the URDF. Shape (n_joints,).
-    """
+    """What a session of pulses has shown."""
 
     pulses: Sequence[Pulse]
+    """The strongest pair of each joint."""
     silence: Silence | None
+    """The test of the watchdog, if there was one."""
     visible_rad: FloatArray
+    """How far each joint has to go to have moved at all. Shape (n_joints,)."""
     complaint: str
+    """Why it ended early; empty if it did not."""
     mend: str
     inertia_kgm2: FloatArray | None
+    """Of the URDF at this posture, shape (n_joints, n_joints); None: not known."""
     friction_nms_per_rad: FloatArray
+    """Viscous, of the URDF. Shape (n_joints,)."""
 
     def of(self, joint: int) -> list[Pulse]:
         """Return the pulses of one joint."""
@@ -156,36 +149,30 @@ class Pulsed:
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that is known of an arm that is checked.
-
-    Args:
-        arm: its limits have been filled.
-        rate_hz: configured rate.
-        publishers: of joint states.
-        commanders: publishers of commands; the check's own is left out.
-        listeners: subscriptions of commands.
-        names: lists of names that have come; each message has one.
-        malformed: number of messages whose fields do not fit together.
-        listened_s: for how long.
-        states: heard while nobody commanded.
-        arm_has_own_clock: stamps count the arm's own time (as a simulated arm's do) and show no age.
-        not_pulsed: why no pulses were sent, if they were not.
-        moving: everything that was heard since, while the arm was pulsed or moved by hand.
-        pulses: what pulses have shown.
-    """
+    """All that is known of an arm that is checked."""
 
     arm: ArmConfig
     rate_hz: float
+    """As configured."""
     states: StateRecord
+    """Heard while nobody commanded."""
     publishers: Sequence[Endpoint] = ()
+    """Of joint states."""
     commanders: Sequence[Endpoint] = ()
+    """Publishers of commands, without the check's own."""
     listeners: Sequence[Endpoint] = ()
+    """Subscriptions of commands."""
     names: Iterable[tuple[str, ...]] = ()
+    """Lists of names that have come; each message has one."""
     malformed: int = 0
+    """Messages whose fields do not fit together."""
     listened_s: float = 0.0
     arm_has_own_clock: bool = False
+    """Stamps count the arm's own time (as a simulated arm's do) and show no age."""
     not_pulsed: str = ""
+    """Why no pulses were sent, if they were not."""
     moving: StateRecord | None = None
+    """Everything that was heard since, while the arm was pulsed or moved by hand."""
     pulses: Pulsed | None = None
 
     @property
@@ -213,25 +200,23 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the table.
-
-    Args:
-        verdict: how the check ended.
-        measured: in words, with units.
-        expected: in words, with units.
-        mend: what to do about it; may be empty.
-        joint: which joint; empty: the arm as a whole.
-        blocks: whether the arm must not be moved before this is mended.
-        check: title of the check, which fills it in.
-    """
+    """One line of the table: what was measured and expected, in words with units, and what to do about it."""
 
     verdict: Verdict
     measured: str
     expected: str
     mend: str = ""
     joint: str = ""
+    """Empty: the arm as a whole."""
     blocks: bool = False
+    """Whether the arm must not be moved before this is mended."""
     check: str = ""
+    """Title of the check, which fills it in."""
+
+
+def unchecked(measured: str, expected: str, mend: str = "", joint: str = "") -> Finding:
+    """Return a finding of what could not be checked."""
+    return Finding(Verdict.NOT_CHECKED, measured, expected, mend, joint)
 
 
 def judged(
@@ -248,47 +233,3 @@ def judged(
     if good:
         return Finding(Verdict.OK, measured, expected, "", joint)
     return Finding(otherwise, measured, expected, mend, joint, blocks and otherwise is Verdict.WRONG)
-
-
-class Needs(Enum):
-    """What has to be there for a check to be made."""
-
-    GRAPH = "who is on the topics, and the names in the joint states"
-    STATES = "enough states that name all joints"
-    POSITIONS = "such states with finite positions"
-    MOTION = "states heard after that, with finite positions"
-    ATTEMPT = "an attempt to pulse the arm"
-    PULSES = "pulses that were sent"
-
-    def met_by(self, evidence: Evidence) -> bool:
-        """Return whether it is there."""
-        if self in (Needs.STATES, Needs.POSITIONS):
-            enough = len(evidence.states) >= ENOUGH_STATES
-            return enough and (self is Needs.STATES or bool(_finite(evidence.states).all()))
-        if self is Needs.MOTION:
-            return evidence.moving is not None and bool(_finite(evidence.moving).all())
-        return self is not Needs.PULSES or evidence.pulses is not None
-
-
-def _finite(states: StateRecord) -> BoolArray:
-    return np.isfinite(states.position_rad)
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing to find out about an arm.
-
-    Args:
-        title: as people read it; one check has one title.
-        needs: what has to be known for it.
-        judge: from the evidence to findings, one for the arm or one for each joint.
-    """
-
-    title: str
-    needs: Needs
-    judge: Callable[[Evidence], Iterable[Finding]]
-
-    def findings(self, evidence: Evidence) -> list[Finding]:
-        """Return what it finds, under its title; an empty list if what it needs is missing."""
-        found = self.judge(evidence) if self.needs.met_by(evidence) else ()
-        return [replace(finding, check=self.title) for finding in found]

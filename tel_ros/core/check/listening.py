@@ -15,6 +15,7 @@ from tel_ros.core.check.evidence import (
     StateRecord,
     Verdict,
     judged,
+    unchecked,
 )
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
@@ -147,7 +148,7 @@ def age(seen: Evidence) -> Iterator[Finding]:
     age_s = float(np.median(seen.states.age_s))
     expected = f"{-CLOCK_TOLERANCE_S * 1e3:g} to {AGE_LIMIT_S * 1e3:g} ms"
     if seen.arm_has_own_clock:
-        yield Finding(Verdict.NOT_CHECKED, "the stamps are the arm's own time", expected)
+        yield unchecked("the stamps are the arm's own time", expected)
         return
     mend = "look for a stale publisher, buffers and a slow network"
     if age_s < -CLOCK_TOLERANCE_S or age_s > 1.0:
@@ -212,9 +213,10 @@ def velocity(seen: Evidence) -> Iterator[Finding]:
     for j, joint in enumerate(states.joints):
         position, speed = states.position_rad[:, j], states.velocity_rad_s[:, j]
         if not np.isfinite(speed).all():
-            yield Finding(Verdict.NOT_CHECKED, "no velocity is sent", expected, joint=joint)
+            yield unchecked("no velocity is sent", expected, joint=joint)
             continue
-        sums = _integral(states.stamp_ns, speed)
+        steps_rad = 0.5 * (speed[1:] + speed[:-1]) * np.diff(states.stamp_ns) / NS_PER_S
+        sums = np.concatenate([[0.0], np.cumsum(steps_rad)])
         went, summed = position[last] - position[first], sums[last] - sums[first]
         clear_rad = max(8.0 * resolution[j], 1e-4)
         clear = np.abs(went) > clear_rad
@@ -226,7 +228,7 @@ def velocity(seen: Evidence) -> Iterator[Finding]:
                 window = f"{WINDOW_S * 1e3:g} ms of clear motion"
                 text = f"{n_apart} times {window}, at least {ENOUGH_WINDOWS} are needed"
                 mend = "check again; are states missing (see rate, jitter)? Else move it by hand for longer"
-            yield Finding(Verdict.NOT_CHECKED, text, expected, mend, joint)
+            yield unchecked(text, expected, mend, joint)
             continue
         ratio = float(went[clear] @ summed[clear] / (went[clear] @ went[clear]))
         measured = f"{ratio:.3g} times the differentiated position"
@@ -262,12 +264,6 @@ def _rate(times_s: FloatArray, rate_hz: float, mend: str) -> Finding:
 
 def _not_finite(states: StateRecord, values: FloatArray) -> str:
     return ", ".join(joint for j, joint in enumerate(states.joints) if not np.isfinite(values[:, j]).all())
-
-
-def _integral(stamp_ns: IntArray, velocity: FloatArray) -> FloatArray:
-    """Return the velocity summed up since the first state; shape (n,)."""
-    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(stamp_ns) / NS_PER_S
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _windows(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:

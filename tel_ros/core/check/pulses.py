@@ -6,7 +6,6 @@ an effort acting on the joint and in the direction that it is meant for: this is
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass
@@ -34,18 +33,12 @@ _SAME_S = 1e-6
 
 @dataclass(frozen=True)
 class PulseBounds:
-    """What a person has agreed to.
-
-    Args:
-        effort_share: largest effort as a share of each joint's limit, up to :data:`MOST_EFFORT_SHARE`.
-        range_rad: how far any joint may get from where it was, up to :data:`MOST_RANGE_RAD`.
-
-    Raises:
-        ConfigError: a value is not finite, not above 0 or above its maximum.
-    """
+    """What a person has agreed to; raises :class:`ConfigError` beyond what anybody may agree to."""
 
     effort_share: float = 0.02
+    """Largest effort as a share of each joint's limit."""
     range_rad: float = 0.05
+    """How far any joint may get from where it was."""
 
     def __post_init__(self) -> None:
         for key, most, unit in (
@@ -53,7 +46,7 @@ class PulseBounds:
             ("range_rad", MOST_RANGE_RAD, " rad"),
         ):
             value = getattr(self, key)
-            if not 0.0 < value <= most or not math.isfinite(value):
+            if not 0.0 < value <= most:  # written so that NaN is refused
                 raise ConfigError(key, value, f"above 0 and up to {most}{unit}")
 
 
@@ -65,10 +58,10 @@ class PulseGuard:
         bounds: what is allowed.
         position_rad: where the arm is. Shape (n_joints,).
         now_s: on a clock that only runs forward.
-        state_gap_s: no state for this long ends everything, up to :data:`MOST_STATE_GAP_S`.
+        state_gap_s: no state for this long ends everything.
 
     Raises:
-        ConfigError: ``state_gap_s`` is out of its range.
+        ConfigError: ``state_gap_s`` is not above 0 and up to :data:`MOST_STATE_GAP_S`.
     """
 
     def __init__(
@@ -130,23 +123,14 @@ class PulseGuard:
 
 
 class Program(ABC):
-    """Something to command; ``done`` after a while in any case.
-
-    Args:
-        guard: has the last word on every effort.
-    """
+    """Something to command, ``done`` after a while in any case; the guard has the last word on efforts."""
 
     def __init__(self, guard: PulseGuard) -> None:
         self.guard = guard
         self.done = False
 
     def step(self, now_s: float, position_rad: FloatArray) -> FloatArray | None:
-        """Return the effort to send now, or None for no command at all.
-
-        Args:
-            now_s: when the state arrived, on a clock that only runs forward.
-            position_rad: shape (n_joints,).
-        """
+        """Return the effort to send for a state that has arrived now, or None for no command at all."""
         if not self.guard.look(now_s, position_rad):
             self.done = True
             return np.zeros_like(self.guard.most_nm)
@@ -211,7 +195,7 @@ class ComeToRest(Program):
     :data:`BRAKE_S` in any case. The speed is computed from positions.
 
     Args:
-        guard: has the last word.
+        guard: see :class:`Program`.
         damping_nms_per_rad: B of joints that have moved the way they were pushed, 0 for others.
         most_nm: largest effort of the damper.
         rest_rad: how far a joint may go within :data:`REST_WINDOW_S` and count as at rest.

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tel_ros.core.check.evidence import DEGREES, Evidence, Finding, Pulse, Pulsed, Verdict, judged
+from tel_ros.core.check.evidence import DEGREES, Evidence, Finding, Pulse, Pulsed, Verdict, judged, unchecked
 from tel_ros.core.types import FloatArray, IntArray
 
 SCALE_TOLERANCE = 3.0
@@ -19,7 +19,7 @@ _STEP_S = 1e-3
 def pulses(seen: Evidence) -> Iterator[Finding]:
     """All pulses were sent; no finding if they were."""
     if seen.not_pulsed:
-        yield Finding(Verdict.NOT_CHECKED, seen.not_pulsed, "sign, scale, delay, watchdog")
+        yield unchecked(seen.not_pulsed, "sign, scale, delay, watchdog")
     elif seen.pulses is not None and seen.pulses.complaint:
         text = f"ended early: {seen.pulses.complaint}"
         yield judged(False, text, "all pulses within the allowed range", seen.pulses.mend)
@@ -31,7 +31,7 @@ def effort_channel(seen: Evidence) -> Iterator[Finding]:
     for j, joint in enumerate(seen.arm.joints):
         own = pulsed.of(j)
         if not own:
-            yield Finding(Verdict.NOT_CHECKED, "no pulse was sent to it", expected, joint=joint)
+            yield unchecked("no pulse was sent to it", expected, joint=joint)
             continue
         effort_nm = max(abs(pulse.effort_nm) for pulse in own)
         good = j in pulsed.moved
@@ -88,10 +88,9 @@ def both_ways(seen: Evidence) -> Iterator[Finding]:
 def response_matrix(pulses: Sequence[Pulse], n_joints: int) -> FloatArray:
     """Return how far joint i goes when joint j is pushed, per N·m: row i, column j."""
     result = np.zeros((n_joints, n_joints))
-    for joint in range(n_joints):
-        own = [pulse for pulse in pulses if pulse.joint == joint]
-        if own:
-            result[:, joint] = np.mean([p.displacement_rad() / p.effort_nm for p in own], axis=0)
+    for joint in {pulse.joint for pulse in pulses}:
+        went = [p.displacement_rad() / p.effort_nm for p in pulses if p.joint == joint]
+        result[:, joint] = np.mean(went, axis=0)
     return result
 
 
@@ -102,17 +101,13 @@ def reached_joints(response: FloatArray, moved: Sequence[int]) -> IntArray:
     definite. The product of the diagonal of such a matrix exceeds that over any other permutation, since
     |A_ij| < √(A_ii A_jj); scaling rows and columns (units, efforts) does not change that. So the permutation
     with the largest product is the wiring, without a model. That a joint moves most when it is pushed itself
-    would be a wrong rule: a light forearm moves more than the shoulder that is pushed.
-
-    Args:
-        response: shape (n_joints, n_joints).
-        moved: the columns in which something moved.
+    would be a wrong rule: a light forearm moves more than the shoulder that is pushed. ``moved`` are the
+    columns in which something moved.
     """
-    result = np.arange(len(response))
-    if len(moved):
-        size = np.log(np.maximum(np.abs(response[np.ix_(moved, moved)]), 1e-12))
-        rows, columns = linear_sum_assignment(size.T, maximize=True)
-        result[np.array(moved, dtype=int)[rows]] = np.array(moved, dtype=int)[columns]
+    result, known = np.arange(len(response)), np.array(moved, dtype=int)
+    size = np.log(np.maximum(np.abs(response[np.ix_(known, known)]), 1e-12))
+    rows, columns = linear_sum_assignment(size.T, maximize=True)
+    result[known[rows]] = known[columns]
     return result
 
 
@@ -124,18 +119,15 @@ def effort_scale(seen: Evidence) -> Iterator[Finding]:
     """Joints that are wired rightly go about as far as rigid links with the inertia of the URDF would."""
     pulsed, expected = seen.pulsed, f"{1 / SCALE_TOLERANCE:.2g} to {SCALE_TOLERANCE:g}"
     if pulsed.inertia_kgm2 is None:
-        text = "the URDF's inertia is not known (pip install pin)"
-        yield Finding(Verdict.NOT_CHECKED, text, "as the URDF says")
+        yield unchecked("the URDF's inertia is not known (pip install pin)", "as the URDF says")
         return
     target = _target(pulsed)
     for j in pulsed.moved:
         if target[j] != j:
             continue
-        goes = [
-            expected_displacement(p, pulsed.inertia_kgm2, pulsed.friction_nms_per_rad) for p in pulsed.of(j)
-        ]
-        went = [float(pulse.displacement_rad()[j]) for pulse in pulsed.of(j)]
-        ratios = [rad / urdf_rad for rad, urdf_rad in zip(went, goes, strict=True) if urdf_rad != 0.0]
+        of_urdf = (pulsed.inertia_kgm2, pulsed.friction_nms_per_rad)
+        pairs = [(p.displacement_rad()[j], expected_displacement(p, *of_urdf)) for p in pulsed.of(j)]
+        ratios = [went_rad / goes_rad for went_rad, goes_rad in pairs if goes_rad != 0.0]
         if not ratios:
             continue
         ratio = float(np.median(np.abs(ratios)))
@@ -156,17 +148,9 @@ def effort_scale(seen: Evidence) -> Iterator[Finding]:
 
 
 def expected_displacement(pulse: Pulse, inertia_kgm2: FloatArray, damping_nms_per_rad: FloatArray) -> float:
-    """Return how far the pushed joint goes in rad if M q̈ + D q̇ = τ, without gravity and dry friction.
-
-    Args:
-        pulse: the effort and how long it acted.
-        inertia_kgm2: M at the posture. Shape (n_joints, n_joints).
-        damping_nms_per_rad: D. Shape (n_joints,).
-    """
-    factor = pulse.arm_time_factor()
-    turn_s, zero_s, duration_s = (
-        factor * (at_s - pulse.start_s) for at_s in (pulse.turn_s, pulse.zero_s, pulse.end_s)
-    )
+    """Return how far the pushed joint goes in rad if M q̈ + D q̇ = τ, without gravity and dry friction."""
+    times_s = np.array([pulse.turn_s, pulse.zero_s, pulse.end_s])
+    turn_s, zero_s, duration_s = (pulse.arm_time_factor() * (times_s - pulse.start_s)).tolist()
     n_steps = max(1, math.ceil(duration_s / _STEP_S))
     dt = duration_s / n_steps
     # Implicit Euler is stable for light joints with strong friction.

@@ -12,14 +12,11 @@ from tel_ros.core.types import FloatArray
 
 LEVELS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 """Shares of the largest effort that are tried, until a joint moves clearly."""
-CLEAR_SHARE = 0.04
-"""Share of the allowed range after which a joint has moved so clearly that no stronger pulse is needed."""
-VISIBLE_SHARE = 0.008
-"""Share of the allowed range after which a joint has moved at all."""
-TURN_SHARE = 0.1
-"""Share of the allowed range at which a pulse turns round early."""
-SILENCE_SHARE = 0.15
-"""Share of the allowed range that the test of the watchdog may use if there is none."""
+# Shares of the allowed range:
+VISIBLE_SHARE = 0.008  # a joint has moved at all
+CLEAR_SHARE = 0.04  # it has moved so clearly that no stronger pulse is needed
+TURN_SHARE = 0.1  # a pulse turns round early
+SILENCE_SHARE = 0.15  # the test of the watchdog may use it if there is none
 _BEFORE_S = 0.03
 
 States = Callable[[float], StateRecord]
@@ -71,9 +68,9 @@ class PulseSession:
 
     def shown(self, inertia_kgm2: FloatArray | None, friction_nms_per_rad: FloatArray) -> Pulsed:
         """Return what the session has shown, with what the URDF says of the arm (see :class:`Pulsed`)."""
-        complaint, mend = self._guard.complaint or "", self._guard.mend
+        ending = (self._guard.complaint or "", self._guard.mend)
         of_urdf = (inertia_kgm2, friction_nms_per_rad)
-        return Pulsed(self.pulses, self.silence, self.visible_rad, complaint, mend, *of_urdf)
+        return Pulsed(self.pulses, self.silence, self.visible_rad, *ending, *of_urdf)
 
     def _refine(self, resolution_rad: FloatArray) -> None:
         """Take in the resolution of the positions; stop if it is too coarse for the range of the pulses."""

@@ -30,10 +30,6 @@ def query_inputs(desired: DesiredTrajectory, control_period_s: float) -> FloatAr
 
     The command of a tick acts during the interval that follows it, so it is paired with the mean acceleration
     of that interval, in the middle of it; training does the same (see :mod:`.signals`).
-
-    Args:
-        desired: y.
-        control_period_s: how long one command acts.
     """
     middle_ns = desired.time_ns + 0.5 * control_period_s * NS_PER_S
     acceleration = np.column_stack(
@@ -44,12 +40,7 @@ def query_inputs(desired: DesiredTrajectory, control_period_s: float) -> FloatAr
 
 @dataclass(frozen=True)
 class InputRange:
-    """The range of each input that is mapped to 0 … 1; values outside are clipped.
-
-    Args:
-        low: shape (n_inputs,).
-        high: shape (n_inputs,), above ``low``.
-    """
+    """The range of each input that is mapped to 0 … 1; values outside are clipped. Shapes (n_inputs,)."""
 
     low: FloatArray
     high: FloatArray

@@ -83,37 +83,36 @@ class JointRecording:
         )
 
     def require_learnable(self) -> None:
-        """Refuse a recording that torque cannot be learned from.
+        """Raise :class:`InputFileError` for a recording that torque cannot be learned from.
 
-        Raises:
-            InputFileError: too few samples, stamps that go back, values that are not finite, no effort, an
-                effort or a position that never changes.
+        That is one with too few samples, stamps that go back, values that are not finite, no effort, or an
+        effort or a position that never changes.
         """
-        if len(self.time_s) < _FEWEST:
-            raise self._refused(f"holds {len(self.time_s)} samples", f"at least {_FEWEST}")
-        back = np.flatnonzero(np.diff(self.time_s) < 0.0)
-        if len(back):
-            k = int(back[0]) + 1
-            raise self._refused(
-                f"the stamp of sample {k + 1} is {self.time_s[k - 1] - self.time_s[k]:.6g} s before the one "
-                f"of sample {k} ({len(back)} such places)",
+
+        def require(good: bool, found: str, expected: str) -> None:
+            if not good:
+                raise InputFileError(self.source, found, expected)
+
+        require(len(self.time_s) >= _FEWEST, f"holds {len(self.time_s)} samples", f"at least {_FEWEST}")
+        step_s = np.diff(self.time_s)
+        if np.any(step_s < 0.0):
+            k = int(np.argmax(step_s < 0.0)) + 1
+            raise InputFileError(
+                self.source,
+                f"the stamp of sample {k + 1} is {-step_s[k - 1]:.6g} s before the one of sample {k} "
+                f"({np.count_nonzero(step_s < 0.0)} such places)",
                 "stamps in the order of time: cut the recording there, or sort it if it was only mixed up",
             )
+        or_without = "or leave the joint out with --joints"
         for joint, position, effort in zip(self.joints, self.position_rad.T, self.effort_nm.T, strict=True):
-            leave_out = "leave the joint out with --joints"
-            if not np.isfinite(position).all():
-                raise self._refused(f"{joint} has positions that are not finite", f"numbers, or {leave_out}")
-            if not np.isfinite(effort).all():
-                raise self._refused(f"has no effort for {joint}", f"efforts in N·m, or {leave_out}")
-            if np.ptp(effort) == 0.0:
-                found = f"the effort of {joint} is {effort[0]:g} N·m throughout"
-                raise self._refused(found, f"an effort that is measured, or {leave_out}")
-            if np.ptp(position) <= _STANDS_STILL:
-                found = f"{joint} stands still at {position[0]:.6g} rad throughout"
-                raise self._refused(found, f"a joint that moves, or {leave_out}")
-
-    def _refused(self, found: str, expected: str) -> InputFileError:
-        return InputFileError(self.source, found, expected)
+            finite = bool(np.isfinite(position).all())
+            require(finite, f"{joint} has positions that are not finite", f"numbers, {or_without}")
+            finite = bool(np.isfinite(effort).all())
+            require(finite, f"has no effort for {joint}", f"efforts in N·m, {or_without}")
+            found = f"the effort of {joint} is {effort[0]:g} N·m throughout"
+            require(np.ptp(effort) != 0.0, found, f"an effort that is measured, {or_without}")
+            found = f"{joint} stands still at {position[0]:.6g} rad throughout"
+            require(np.ptp(position) > _STANDS_STILL, found, f"a joint that moves, {or_without}")
 
     def unbroken(self) -> Iterator[Self]:
         """Yield the parts between gaps that are too long to interpolate across.
@@ -130,9 +129,9 @@ class JointRecording:
 
     def _thinned(self, least_s: float) -> Self:
         """Return it with samples less than ``least_s`` behind the first of a group replaced by their mean."""
-        group = np.zeros(len(self.time_s), dtype=np.int64)
         if np.all(np.diff(self.time_s) >= least_s):
             return self
+        group = np.zeros(len(self.time_s), dtype=np.int64)
         start_s, number = float(self.time_s[0]), 0
         for k, time_s in enumerate(self.time_s.tolist()):
             if time_s - start_s >= least_s:
@@ -151,14 +150,10 @@ class JointRecording:
 
         Linear interpolation would add up to T² q̈ / 8 to a position, which at 30 Hz is more than an encoder's
         noise; a cubic spline adds a term of T⁴. It has to be one unbroken part.
-
-        Returns:
-            Shapes (n,), (n, n_joints), (n, n_joints).
         """
         start_s = float(self.time_s[0])
         n = int(self.duration_s / period_s * (1.0 + 1e-9)) + 1
         time_s: FloatArray = start_s + period_s * np.arange(n, dtype=np.float64)
         values = np.hstack([self.position_rad, self.effort_nm])
-        even: FloatArray = CubicSpline(self.time_s, values)(time_s)
-        n_joints = len(self.joints)
-        return time_s, even[:, :n_joints], even[:, n_joints:]
+        position_rad, effort_nm = np.hsplit(CubicSpline(self.time_s, values)(time_s), 2)
+        return time_s, position_rad, effort_nm

@@ -23,9 +23,7 @@ from tel_ros.core.types import FloatArray
 TrainingMode = Literal["actual", "desired"]
 Predicts = Literal["equilibrium", "torque"]
 _RMS_SAMPLES = 1000
-"""Samples, evenly spread over a trial, that an RMS value is computed from."""
 _STD_POINTS = 225
-"""Points of a movement at which its uncertainty is computed."""
 
 
 @dataclass(frozen=True)
@@ -59,29 +57,20 @@ class LearnerContext:
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What training on one trial did.
-
-    Args:
-        rms_before_rad: RMS over all joints of û - N(ŷ) before training.
-        rms_after_rad: the same after it.
-        rms_command_change_rad: RMS change of the command for the trial's own desired trajectory.
-        grown: what grew or was noticed, in words.
-    """
+    """What training on one trial did."""
 
     rms_before_rad: float
+    """RMS over all joints of û - N(ŷ) before training."""
     rms_after_rad: float
     rms_command_change_rad: float
+    """RMS change of the command for the trial's own desired trajectory."""
     grown: tuple[str, ...]
+    """What grew or was noticed, in words."""
 
 
 @dataclass(frozen=True)
 class StoredLearner:
-    """A learner as it goes into a file.
-
-    Args:
-        header: values that JSON can hold.
-        arrays: numbers by name; no objects.
-    """
+    """A learner as it goes into a file: values that JSON holds, and arrays of numbers."""
 
     header: Mapping[str, Any]
     arrays: Mapping[str, np.ndarray]
@@ -133,9 +122,7 @@ class Learner(Protocol):
     def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
         """Return a learner that has learned from one trial, and what that did; this one stays as it is.
 
-        Args:
-            samples: the trial.
-            mode: where to apply the command error (see :func:`training_pair`).
+        ``mode`` is where to apply the command error (see :func:`training_pair`).
 
         Raises:
             TrainingError: the samples cannot be learned from, or what was learned is not finite.
@@ -155,11 +142,6 @@ def training_pair(
     Only the command û that was sent has a known outcome ŷ, so the error is always δ = û - N(ŷ). ``actual``
     removes it at ŷ, ``desired`` changes the output at y by the same δ ([Practice] Sec. 2.1 and Fig. 1;
     convergence by Theorems 2 and 1). δ is that of the network before training, as in Theorem 1.
-
-    Args:
-        mode: where to apply the error.
-        samples: one trial.
-        predict: N, from shape (n, 3 * n_joints) to offsets u - q of shape (n, n_joints).
 
     Returns:
         Inputs of shape (n, 3 * n_joints) and targets in rad of shape (n, n_joints).
@@ -203,8 +185,8 @@ def rms(values: FloatArray) -> float:
 def std_along(learner: Learner, inputs: FloatArray) -> FloatArray:
     """Return the standard deviation of the command's error [rad] along a movement; inf where not known.
 
-    It is computed at some of the points only: it costs much more than the prediction, and changes as slowly
-    as the movement. Input shape (n, 3 * n_joints), output shape (n, n_joints).
+    It costs much more than the prediction and changes as slowly as the movement: it is interpolated between
+    some of the points. Input shape (n, 3 * n_joints), output shape (n, n_joints).
     """
     step = max(1, len(inputs) // _STD_POINTS)
     asked = np.unique(np.append(np.arange(0, len(inputs), step), len(inputs) - 1))

@@ -9,7 +9,6 @@ import scipy  # loads its parts when they are first used: half a second that mos
 
 from tel_ros.core.types import BoolArray, FloatArray
 
-_FILTER_ORDER = 4
 _SEGMENT_S = 2.0
 """Of the spectra: half a Hz from line to line, and still a few segments to average in one trial."""
 _ABOVE_NOISE = 10.0
@@ -36,17 +35,12 @@ _CLEAR_OF_NOISE = 3.0
 def low_pass(values: FloatArray, cutoff_hz: float, period_s: float) -> FloatArray:
     """Return values filtered without lag: Butterworth of order 4, forwards and backwards.
 
-    Args:
-        values: evenly sampled, at least 50 rows. Shape (n, n_columns).
-        cutoff_hz: -3 dB of one pass; see :func:`filters`.
-        period_s: from row to row.
-
-    Returns:
-        Shape (n, n_columns); ``values`` themselves if the filter is switched off.
+    ``values`` has at least 50 rows, evenly sampled, and is returned itself if the filter is switched off (see
+    :func:`filters`). The cutoff is that of one pass, -3 dB.
     """
     if not filters(cutoff_hz, period_s):
         return values
-    sos = scipy.signal.butter(_FILTER_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
+    sos = scipy.signal.butter(4, cutoff_hz, fs=1.0 / period_s, output="sos")
     filtered: FloatArray = scipy.signal.sosfiltfilt(sos, values, axis=0)
     return filtered
 
@@ -71,11 +65,7 @@ def sensor_noise(values: FloatArray, period_s: float) -> FloatArray:
 
     It is taken from above a quarter of the sampling rate, where a motion that was sampled well enough has no
     power. Rounding by an encoder counts as noise: a step of δ has δ / √12 while the joint turns. A joint that
-    stands still on one step seems free of noise.
-
-    Args:
-        values: positions in rad while the arm moves, evenly sampled; at least 50 rows. Shape (n, n_joints).
-        period_s: from row to row.
+    stands still on one step seems free of noise. ``values`` are as for :func:`choose_cutoff_hz`.
     """
     _, _, floor = _spectrum(values, period_s)
     sigma: FloatArray = np.sqrt(floor * 0.5 / period_s)
@@ -90,13 +80,12 @@ def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
     to go through the same filter. It lies between 3 Hz and a tenth of the sampling rate or 20 Hz, whichever
     is more, but never above 0.4 of the rate.
 
+    If the noise does not show (it is negligible even in unfiltered accelerations, or the motion goes on up to
+    half of the rate), it is the upper end of that range; at 50 Hz or less, 0: no filter.
+
     Args:
         values: positions in rad while the arm moves, evenly sampled; at least 50 rows. Shape (n, n_joints).
         period_s: from row to row.
-
-    Returns:
-        The upper end of that range if the noise does not show: it is negligible even in unfiltered
-        accelerations, or the motion goes on up to half of the rate. There, at 50 Hz or less, 0: no filter.
     """
     frequency_hz, power, floor = _spectrum(values, period_s)
     rate_hz = 1.0 / period_s
@@ -126,9 +115,8 @@ def filtered_impulse(cutoff_hz: float, period_s: float) -> FloatArray:
 def derivative_noise(cutoff_hz: float, period_s: float) -> FloatArray:
     """Return what white noise of unit standard deviation on positions becomes behind filter and derivatives.
 
-    Returns:
-        Standard deviations in position [1], velocity [1/s] and acceleration [1/s²]; exact but at the ends of
-        a record. Shape (3,).
+    Standard deviations in position [1], velocity [1/s] and acceleration [1/s²]; exact but at the ends of a
+    record. Shape (3,).
     """
     position = filtered_impulse(cutoff_hz, period_s)
     responses = (position, *derivatives(position, period_s))

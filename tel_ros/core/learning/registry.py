@@ -1,8 +1,4 @@
-"""Learners by name: ours, and those that other packages offer.
-
-A learner of ours is a class with ``restored`` beside what :class:`~.learner.Learner` asks for, and one entry
-in :data:`OURS`; one of another package is an entry point of the group :data:`GROUP`.
-"""
+"""Learners by name: ours in :data:`OURS`, others as entry points of the group :data:`GROUP`."""
 
 from __future__ import annotations
 
@@ -24,22 +20,13 @@ GROUP = "tel_ros.learners"
 
 @dataclass(frozen=True)
 class OurKind:
-    """A :class:`~.learner.LearnerKind` of ours.
-
-    Args:
-        new: to an untrained learner.
-        restore: to a stored one; :meth:`restored` checks the arrays and turns its errors into ValueError.
-    """
+    """A :class:`~.learner.LearnerKind` of ours; ``restored`` checks what it is given before ``restore``."""
 
     new: Callable[[LearnerContext], Learner]
     restore: Callable[[LearnerContext, StoredLearner], Learner]
 
     def restored(self, context: LearnerContext, stored: StoredLearner) -> Learner:
-        """Return a learner from its description.
-
-        Raises:
-            ValueError: the description does not fit together, or holds numbers that are not finite.
-        """
+        """See :meth:`.learner.LearnerKind.restored`."""
         for name, array in stored.arrays.items():
             if not np.all(np.isfinite(array)):
                 raise ValueError(f"{name} holds numbers that are not finite")
@@ -51,13 +38,18 @@ class OurKind:
             raise ValueError(f"the description of the learner does not fit together ({error!r})") from error
 
 
-def _trees(context: LearnerContext) -> type[LmsLearner] | type[LeastSquaresLearner]:
-    return LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner
-
-
 def _solved(context: LearnerContext) -> LearnerContext:
     """Return the context for trees whose weights are solved for: sample by sample is too slow for a rest."""
     return replace(context, learning=replace(context.learning, weights="least_squares"))
+
+
+def _new_trees(context: LearnerContext) -> Learner:
+    return (LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner)(context)
+
+
+def _restored_trees(context: LearnerContext, stored: StoredLearner) -> Learner:
+    kind = LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner
+    return kind.restored(context, stored)
 
 
 def _new_rigid_body_and_tree(context: LearnerContext) -> Learner:
@@ -72,10 +64,7 @@ def _restored_rigid_body_and_tree(context: LearnerContext, stored: StoredLearner
 
 OURS: dict[str, LearnerKind] = {
     # Trees alone. ``learning.weights`` says how they learn.
-    "lms_tree": OurKind(
-        lambda context: _trees(context)(context),
-        lambda context, stored: _trees(context).restored(context, stored),
-    ),
+    "lms_tree": OurKind(_new_trees, _restored_trees),
     # The parameters of rigid links with friction; kinematics from the URDF.
     "rigid_body": OurKind(RigidBodyLearner, RigidBodyLearner.restored),
     # Trees, solved by least squares, learn what rigid links leave over.
@@ -85,11 +74,7 @@ OURS: dict[str, LearnerKind] = {
 
 @cache
 def learner_kind(name: str) -> LearnerKind:
-    """Return the kind of learner with a name.
-
-    Args:
-        name: one of ours, or that of an entry point of the group ``tel_ros.learners`` in any installed
-            package.
+    """Return the kind of learner with a name: one of ours, or an entry point of an installed package.
 
     Raises:
         ConfigError: the name is not known, or what an entry point names cannot be loaded.

@@ -36,15 +36,9 @@ left, from here on at most 2 %."""
 
 @dataclass(frozen=True)
 class TrialSignals:
-    """One trial as recorded, tick by tick, from the time before RUN to the end.
+    """What is learned from of a :class:`~tel_ros.core.trial.Trial`, from the time before RUN to the end.
 
-    Args:
-        time_ns: stamps. Shape (n,).
-        run: which ticks belong to RUN. Shape (n,).
-        desired: y as positions, velocities, accelerations at the ticks. Shape (n, 3 * n_joints).
-        position_rad: ŷ as measured. Shape (n, n_joints).
-        equilibrium_rad: û as sent. Shape (n, n_joints).
-        saturated: where the effort was clipped, so that û did not act. Shape (n, n_joints).
+    Shapes as there. ``run`` tells the ticks of RUN; û did not act where it is ``saturated``.
     """
 
     time_ns: IntArray
@@ -64,23 +58,17 @@ def learning_record(trial: Trial) -> TrialSignals:
     """
     time_ns, phase = trial.time_ns, trial.phase
     rows = np.isin(phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
-    equilibrium_rad = learned_equilibrium(
-        trial.springs, trial.equilibrium_rad, trial.position_rad, trial.velocity_rad_s
-    ).copy()
+    motion = (trial.position_rad, trial.velocity_rad_s)
+    equilibrium_rad = learned_equilibrium(trial.springs, trial.equilibrium_rad, *motion).copy()
     if rows.any():
         last = int(np.flatnonzero(rows)[-1])
         step_ns = np.diff(time_ns[last:])
         follows = np.logical_and.accumulate((step_ns > 0) & (step_ns <= _LONGEST_STEP_NS))
         rows[last + 1 :] = follows & (phase[last + 1 :] == Phase.STOP)
         equilibrium_rad[last + 1 :] = equilibrium_rad[last]
-    return TrialSignals(
-        time_ns=time_ns[rows],
-        run=phase[rows] == Phase.RUN,
-        desired=trial.desired[rows],
-        position_rad=trial.position_rad[rows],
-        equilibrium_rad=equilibrium_rad[rows],
-        saturated=trial.saturated[rows],
-    )
+    measured, clipped = trial.position_rad[rows], trial.saturated[rows]
+    desired, equilibrium_rad = trial.desired[rows], equilibrium_rad[rows]
+    return TrialSignals(time_ns[rows], trial.run[rows], desired, measured, equilibrium_rad, clipped)
 
 
 @dataclass(frozen=True)
@@ -94,9 +82,8 @@ class TrainingSamples:
         input_noise: standard deviation of the noise that is left in each column of ``actual``.
             Shape (3 * n_joints,); empty if not known.
         period_s: from sample to sample (where none is left out); 0 if not known.
-        bandwidth_hz: what lies above has been filtered away, so that neighbours closer than about
-            1 / (5 * bandwidth_hz) add nothing new; half of the sampling rate if nothing was filtered, inf if
-            not known.
+        bandwidth_hz: what lies above has been filtered away; half of the sampling rate if nothing was
+            filtered, inf if not known.
         sliding: whether each joint moves in one direction in all that a sample is made of, so that dry
             friction has one sign there. Shape (n, n_joints); empty if not known.
     """
@@ -144,12 +131,8 @@ def training_samples(
         most_hz: limit of a cutoff that is chosen. What a joint does at higher frequencies (stick-slip, say)
             can be far above its noise and still say nothing about inertia.
 
-    Returns:
-        One pair for each tick of RUN that is not left out.
-
     Raises:
-        TrainingError: fewer than 50 ticks of RUN, fewer than 50 that are not left out, or a value that is not
-            finite.
+        TrainingError: fewer than 50 ticks of RUN are left, or a value is not finite.
     """
     n_run = int(np.count_nonzero(trial.run))
     if n_run < _SHORTEST_RECORD:
@@ -201,11 +184,7 @@ def _reach(periods: float, cutoff_hz: float, period_s: float) -> int:
 
 
 def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
-    """Return which ticks of RUN to keep. Shape (number of ticks of RUN,).
-
-    Raises:
-        TrainingError: fewer than 50.
-    """
+    """Return which ticks of RUN to keep, at least 50. Shape (number of ticks of RUN,)."""
     clipped: BoolArray = np.any(trial.saturated, axis=1)
     touched = scipy.ndimage.maximum_filter1d(clipped.astype(np.uint8), 2 * reach + 1, mode="constant") > 0
     kept: BoolArray = ~touched[trial.run]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,20 +39,15 @@ deviation, to an untrained learner of torque."""
 
 @dataclass(frozen=True)
 class TorquePrediction:
-    """What a learner says of some states of motion.
-
-    Args:
-        torque_nm: shape (n, n_joints).
-        std_nm: standard deviation of its error, scaled by the errors that were tested; inf where nothing is
-            known. Shape (n, n_joints).
-        outside: which inputs are outside of the learner's input range. Shape (n, 3 * n_joints).
-        uncertain: where the standard deviation is near that of a guess. Shape (n, n_joints).
-    """
+    """What a learner says of n states of motion. Shapes (n, n_joints), ``outside`` (n, 3 * n_joints)."""
 
     torque_nm: FloatArray
     std_nm: FloatArray
+    """Of its error, scaled by the errors that were tested; inf where nothing is known."""
     outside: BoolArray
+    """Which inputs are outside of the learner's input range."""
     uncertain: BoolArray
+    """Where the standard deviation is near that of a guess."""
 
     @property
     def extrapolated(self) -> BoolArray:
@@ -64,29 +60,23 @@ def predict_torque(learner: Learner, inputs: FloatArray) -> TorquePrediction:
 
     Of a learner of torque K is the spread of the recorded torques, and B is 0. A learner of equilibrium
     points does not know how large torques usually are; there only an unbounded standard deviation counts as
-    uncertain.
-
-    Args:
-        learner: of torque or of equilibrium points.
-        inputs: q, q̇, q̈. Shape (n, 3 * n_joints).
+    uncertain. ``inputs`` are q, q̇, q̈ of shape (n, 3 * n_joints).
     """
     context = learner.context
     stiffness, damping = np.array(context.stiffness_nm_per_rad), np.array(context.damping_nms_per_rad)
     n_joints = len(context.joints)
     velocity = inputs[:, n_joints : 2 * n_joints]
-    std = np.vstack(
-        [learner.std(inputs[k : k + _PORTION]) for k in range(0, len(inputs), _PORTION)]
-        or [np.empty((0, n_joints))]
-    )
-    std *= np.array(context.std_factor or (1.0,) * n_joints)
+    std = [learner.std(inputs[k : k + _PORTION]) for k in range(0, len(inputs), _PORTION)]
+    std_rad = np.vstack(std or [np.empty((0, n_joints))])
+    std_rad *= np.array(context.std_factor or (1.0,) * n_joints)
     allowed = UNCERTAIN if context.predicts == "torque" else np.finfo(np.float64).max
     range_ = context.input_range
     slack = _ROUNDING * range_.width
     return TorquePrediction(
         torque_nm=stiffness * learner.predict(inputs) - damping * velocity,
-        std_nm=stiffness * std,
+        std_nm=stiffness * std_rad,
         outside=(inputs < range_.low - slack) | (inputs > range_.high + slack),
-        uncertain=~(std <= allowed),
+        uncertain=~(std_rad <= allowed),
     )
 
 
@@ -122,27 +112,18 @@ class HeldOutError:
 
 @dataclass(frozen=True)
 class Fit:
-    """A learner of torque and what is known of it.
-
-    Args:
-        learner: has learned from all blocks.
-        held_out: errors where others like it, which had learned from four fifths, were asked for the rest.
-        n_blocks: blocks of time.
-        block_s: mean duration of one.
-    """
+    """A learner of torque that has learned from all blocks of time, and what is known of it."""
 
     learner: Learner
     held_out: HeldOutError
+    """Of others like it, which had learned from four fifths and were asked for the rest."""
     n_blocks: int
     block_s: float
+    """Mean duration."""
 
 
 def fit_torque(parts: Sequence[TorqueSamples], new_learner: NewLearner) -> Fit:
-    """Learn torque from recordings: five times from four fifths, to see how good that is, then from all.
-
-    Args:
-        parts: one for each unbroken stretch.
-        new_learner: makes an untrained learner.
+    """Learn torque from unbroken parts: five times from four fifths, to see how good that is, then from all.
 
     Raises:
         TrainingError: too little was recorded, or what was learned is not finite.
@@ -155,11 +136,7 @@ def fit_torque(parts: Sequence[TorqueSamples], new_learner: NewLearner) -> Fit:
 
 
 def held_out_error(asked: Sequence[tuple[FloatArray, TorquePrediction]]) -> HeldOutError:
-    """Return the errors of predictions.
-
-    Args:
-        asked: recorded torques of shape (n, n_joints), and the predictions of them.
-    """
+    """Return the errors of predictions, from pairs of recorded torques (n, n_joints) and predictions."""
     torque_nm = np.vstack([recorded for recorded, _ in asked])
     error_nm = torque_nm - np.vstack([prediction.torque_nm for _, prediction in asked])
     square = np.mean(error_nm**2, axis=0)
@@ -176,17 +153,13 @@ def held_out_error(asked: Sequence[tuple[FloatArray, TorquePrediction]]) -> Held
 
 
 def _asked(fold: Fold, new_learner: NewLearner) -> tuple[FloatArray, TorquePrediction]:
-    learner = _learned(fold.learned, new_learner, np.ones(fold.held_out[0].torque_nm.shape[1]))
-    inputs = np.vstack([block.inputs for block in fold.held_out])
-    return np.vstack([block.torque_nm for block in fold.held_out]), predict_torque(learner, inputs)
+    torque_nm = np.vstack([block.torque_nm for block in fold.held_out])
+    learner = _learned(fold.learned, new_learner, np.ones(torque_nm.shape[1]))
+    return torque_nm, predict_torque(learner, np.vstack([block.inputs for block in fold.held_out]))
 
 
 def _learned(samples: Sequence[TorqueSamples], new_learner: NewLearner, std_factor: FloatArray) -> Learner:
-    """Return a learner that has learned from some samples, block by block.
-
-    Raises:
-        TrainingError: what was learned is not finite.
-    """
+    """Return a learner that has learned from some samples, block by block."""
     unit_nm = np.vstack([block.torque_nm for block in samples]).std(axis=0)
     learner = new_learner(recorded_range(samples), unit_nm, std_factor)
     for block in samples:
@@ -194,8 +167,7 @@ def _learned(samples: Sequence[TorqueSamples], new_learner: NewLearner, std_fact
     return learner
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """A stretch of a recording: samples ``start`` to before ``end`` of the unbroken part number ``part``."""
 
     part: int
@@ -207,12 +179,11 @@ class Block:
         return parts[self.part][self.start : self.end]
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """One split: blocks to learn from, without what is too close to one that is held out, and the others."""
 
-    learned: tuple[TorqueSamples, ...]
-    held_out: tuple[TorqueSamples, ...]
+    learned: list[TorqueSamples]
+    held_out: list[TorqueSamples]
 
 
 def gap_s(parts: Sequence[TorqueSamples]) -> float:
@@ -222,9 +193,6 @@ def gap_s(parts: Sequence[TorqueSamples]) -> float:
 
 def blocks_of(parts: Sequence[TorqueSamples]) -> list[Block]:
     """Return blocks of about equal duration, in the order of time: 20 of them, or 5 to 20 of a short record.
-
-    Args:
-        parts: what was recorded, one for each unbroken stretch.
 
     Raises:
         TrainingError: it is too short to hold anything out.
@@ -252,9 +220,7 @@ def folds(parts: Sequence[TorqueSamples], blocks: Sequence[Block]) -> list[Fold]
     for number in range(N_FOLDS):
         held = blocks[number::N_FOLDS]
         learned = []
-        for block in blocks:
-            if block in held:
-                continue
+        for block in (block for block in blocks if block not in held):
             samples = block.of(parts)
             for other in held:
                 if other.part == block.part:
@@ -262,5 +228,5 @@ def folds(parts: Sequence[TorqueSamples], blocks: Sequence[Block]) -> list[Fold]
                     samples = samples[(samples.time_s < first_s - gap) | (samples.time_s > last_s + gap)]
             if len(samples):
                 learned.append(samples)
-        found.append(Fold(tuple(learned), tuple(block.of(parts) for block in held)))
+        found.append(Fold(learned, [block.of(parts) for block in held]))
     return found

@@ -54,15 +54,8 @@ LEAST_ACCELERATION_SNR = 3.0
 class TorqueSamples:
     """Motion and torque in one unbroken stretch of time, evenly sampled.
 
-    Args:
-        source: where it is from, for messages.
-        time_s: shape (n,).
-        inputs: q, q̇, q̈ in rad, rad/s, rad/s². Shape (n, 3 * n_joints).
-        torque_nm: shape (n, n_joints).
-        period_s: from sample to sample.
-        bandwidth_hz: what lies above has been filtered away.
-        input_noise: standard deviation of what is left of the noise in each input. Shape (3 * n_joints,).
-        sliding: see :class:`~.signals.TrainingSamples`. Shape (n, n_joints).
+    ``inputs`` are q, q̇, q̈ in rad, rad/s, rad/s² of shape (n, 3 * n_joints); the last four are as in
+    :class:`~.signals.TrainingSamples`.
     """
 
     source: str
@@ -103,10 +96,8 @@ def torque_samples(
 
     Args:
         recording: that has passed :meth:`~.joint_recording.JointRecording.require_learnable`.
-        cutoff_hz: -3 dB of one pass of the filter; 0: no filter; None: chosen for each part from its
-            positions, up to 15 Hz (see :func:`~.noise.choose_cutoff_hz`).
-        most_hz: rate of the samples that are returned, at most; it is the recording's divided by a whole
-            number.
+        cutoff_hz: -3 dB of one pass of the filter; 0: no filter; None: :func:`chosen_cutoff_hz` of each part.
+        most_hz: rate of what is returned, at most; it is the recording's divided by a whole number.
 
     Returns:
         One for each part that is long enough, without the ends of the part, in which the filter rings.
@@ -116,11 +107,9 @@ def torque_samples(
         period_s = part.median_period_s
         if period_s == 0.0 or part.duration_s < _SHORTEST_PART * period_s:
             continue
-        time_s, measured, effort_nm = part.evenly_sampled(period_s)
-        cutoff = chosen_cutoff_hz(measured, period_s)
-        samples = _filtered(
-            part.source, time_s, measured, effort_nm, cutoff if cutoff_hz is None else cutoff_hz
-        )
+        even = part.evenly_sampled(period_s)
+        cutoff = chosen_cutoff_hz(even[1], period_s) if cutoff_hz is None else cutoff_hz
+        samples = _filtered(part.source, *even, cutoff)
         if len(samples):
             step = max(1, math.ceil(1.0 / (period_s * most_hz) - 1e-6))
             found.append(replace(samples[::step], period_s=step * period_s))
@@ -132,24 +121,15 @@ def chosen_cutoff_hz(position_rad: FloatArray, period_s: float) -> float:
 
     It is at most 15 Hz, and never none: without a filter, a spline makes accelerations of the noise at half
     of the sampling rate.
-
-    Args:
-        position_rad: at least 50 rows. Shape (n, n_joints).
-        period_s: from row to row.
     """
     chosen_hz = choose_cutoff_hz(position_rad, period_s)
     return min(chosen_hz or _IF_NO_NOISE_SHOWS / period_s, HIGHEST_CUTOFF_HZ)
 
 
 def motion(time_s: FloatArray, position_rad: FloatArray) -> FloatArray:
-    """Return positions, velocities and accelerations of sampled positions, by quintic splines.
+    """Return positions, velocities and accelerations of at least 6 positions, by quintic splines.
 
-    Args:
-        time_s: increasing. Shape (n,), n at least 6.
-        position_rad: shape (n, n_joints).
-
-    Returns:
-        Shape (n, 3 * n_joints).
+    Shapes (n,), (n, n_joints), (n, 3 * n_joints).
     """
     spline = make_interp_spline(time_s, position_rad, k=_SPLINE_DEGREE)
     return stack_inputs(position_rad, spline(time_s, 1), spline(time_s, 2))
@@ -204,23 +184,18 @@ def _filtered(
 
 @dataclass(frozen=True)
 class JointExcitation:
-    """How a joint moved.
-
-    Args:
-        joint: name.
-        position_rad: lowest and highest.
-        velocity_rad_s: highest absolute value.
-        acceleration_rad_s2: highest absolute value.
-        condition: condition number of the joint's own standardised q, q̇, q̈.
-        acceleration_snr: RMS acceleration over that of its noise.
-    """
+    """How a joint moved."""
 
     joint: str
     position_rad: tuple[float, float]
+    """Lowest and highest."""
     velocity_rad_s: float
+    """Highest absolute value, as of the acceleration."""
     acceleration_rad_s2: float
     condition: float
+    """Condition number of the joint's own standardised q, q̇, q̈."""
     acceleration_snr: float
+    """RMS acceleration over that of its noise."""
 
     def warnings(self) -> list[str]:
         """Return what is poor about it, in words, each with what to do."""

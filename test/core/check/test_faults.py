@@ -9,8 +9,8 @@ import pytest
 from synthetic_check import SyntheticCheck
 from two_link import TwoLinkArm, arm_config
 
-from tel_ros.core.check.checks import LISTENING, MOVING, judge, worst
-from tel_ros.core.check.evidence import Evidence, Finding, Needs, Verdict
+from tel_ros.core.check.checks import LISTENING, MOVING, Needs, judge, worst
+from tel_ros.core.check.evidence import Evidence, Finding, Verdict
 
 from faulty_arm import WATCHDOG_S, FaultyArm  # isort: skip
 
