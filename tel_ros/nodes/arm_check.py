@@ -6,8 +6,8 @@ import math
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
-from types import TracebackType
 
 import numpy as np
 import rclpy
@@ -28,13 +28,10 @@ from tel_ros.recording import topics
 
 HEAR_ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1000)
 """For a check: every state counts, and a publisher that offers best effort only is to be heard, too."""
-LAST_ZEROS = 5
-_ZERO_PERIOD_S = 0.004
-
 Row = tuple[float, int, float, FloatArray, FloatArray, FloatArray]
 
 
-class ArmClient:
+class ArmClient(AbstractContextManager["ArmClient"]):
     """Hears all joint states; commands efforts only while :meth:`run` runs. Use it with ``with``.
 
     There is no publisher of commands before the first :meth:`open_channel`: who only listens cannot command.
@@ -60,13 +57,7 @@ class ArmClient:
             JointState, topics.JOINT_STATES, self._on_state, HEAR_ALL, callback_group=BusyGroup()
         )
 
-    def __enter__(self) -> ArmClient:
-        """Return the client."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Command zero effort, if the channel is open, and shut down."""
         try:
             self.send_zero()
@@ -135,17 +126,16 @@ class ArmClient:
         self._program = None
         if self._channel is None:
             return
-        for _ in range(LAST_ZEROS):
+        for _ in range(5):
             self._send(np.zeros(len(self._joints)))
-            time.sleep(_ZERO_PERIOD_S)
+            time.sleep(0.004)
 
     def _watched(self, program: Program) -> bool:
         self._send(program.watch(time.monotonic()))
         return program.done
 
     def _on_state(self, message: JointState) -> None:
-        now_s = time.monotonic()
-        names = tuple(message.name)
+        now_s, names = time.monotonic(), tuple(message.name)
         self.names.add(names)
         if set(self._joints) - set(names):
             return
@@ -160,7 +150,7 @@ class ArmClient:
         effort = self._field(message.effort, names, columns)
         self._rows.append((now_s, stamp_ns, age_s, position, velocity, effort))
         if self._program is not None and not self._program.done:
-            self._send(self._program.step(now_s, position), stamp_ns)
+            self._send(self._program.step(now_s, position))
 
     def _field(self, values: Sequence[float], names: Sequence[str], columns: list[int]) -> FloatArray:
         """Return a field that may be missing, in the order of the joints; NaN where it is."""
@@ -169,13 +159,12 @@ class ArmClient:
         self.malformed += len(values) > 0
         return np.full(len(columns), math.nan)
 
-    def _send(self, effort_nm: FloatArray | None, stamp_ns: int | None = None) -> None:
+    def _send(self, effort_nm: FloatArray | None) -> None:
         if effort_nm is None or self._channel is None:
             return
         channel, layer = self._channel
-        answered_ns = stamp_ns if stamp_ns is not None else (self._rows[-1][1] if self._rows else 0)
         layer.permit_pulse(effort_nm)
-        channel.send(answered_ns)
+        channel.send(self._rows[-1][1] if self._rows else 0)  # the stamp of the newest state
 
 
 def endpoints(node: Node, command_topic: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:

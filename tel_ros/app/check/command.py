@@ -20,9 +20,7 @@ from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
 from tel_ros.recording.config_file import load_config
 
-EXIT_WRONG = 1
 _OUT = Console()
-_LOG_WIDTH = 140
 _COLOURS = {
     Verdict.OK: "green",
     Verdict.WARNING: "yellow",
@@ -52,9 +50,7 @@ _COLOURS = {
     show_default=True,
     help=f"How far any joint may get from where it is, in rad, up to {MOST_RANGE_RAD}.",
 )
-@click.option(
-    "--listen", "listen_s", type=float, default=2.0, show_default=True, help="How long to listen first, in s."
-)
+@click.option("--listen", "listen_s", default=2.0, show_default=True, help="How long to listen first, in s.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the findings as JSON, and nothing else, on stdout."
 )
@@ -93,10 +89,8 @@ def check(
         signal.signal(number, signal.default_int_handler)
 
     def agree(announcement: str) -> bool:
-        if yes:
-            return True
         try:
-            return click.confirm(announcement, default=False, err=True)
+            return yes or click.confirm(announcement, default=False, err=True)
         except click.Abort:
             return False
 
@@ -112,22 +106,23 @@ def check(
         click.echo(json.dumps({"verdict": worst(findings).value, "findings": plain}, indent=2))
     else:
         _show(findings)
-    sys.exit(EXIT_WRONG if worst(findings) is Verdict.WRONG else 0)
+    sys.exit(1 if worst(findings) is Verdict.WRONG else 0)
 
 
 def _show(findings: list[Finding]) -> None:
     if not _OUT.is_terminal:
-        _OUT.width = _LOG_WIDTH
+        _OUT.width = 140
     headings = ("check", "joint", "", "measured", "expected")
     table = simple_table(*headings, left=headings)
     for finding in findings:
         mark = f"[{_COLOURS[finding.verdict]}]{finding.verdict.value}[/]"
         table.add_row(finding.check, finding.joint, mark, finding.measured, finding.expected)
     _OUT.print(table)
+    say = partial(_OUT.print, highlight=False, soft_wrap=True)
     for finding in findings:
         if finding.verdict in (Verdict.WRONG, Verdict.WARNING):
             where = f"{finding.check} {finding.joint}".strip()
-            _OUT.print(f"{finding.verdict.value}: {where}: {finding.mend}", highlight=False, soft_wrap=True)
+            say(f"{finding.verdict.value}: {where}: {finding.mend}")
     n = Counter(finding.verdict for finding in findings)
     rest = f"{n[Verdict.WARNING]} warnings, {n[Verdict.NOT_CHECKED]} not checked"
     line = f"nothing wrong, {rest}"
@@ -135,4 +130,4 @@ def _show(findings: list[Finding]) -> None:
         line = f"{n[Verdict.WRONG]} things are wrong, {rest}: fix them before the arm moves"
     elif any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in findings):
         line = f"nothing wrong as far as listening shows, {rest}"
-    _OUT.print(f"verdict  {line}", highlight=False, soft_wrap=True)
+    say(f"verdict  {line}")

@@ -39,12 +39,8 @@ def check_arm(
 ) -> list[Finding]:
     """Check an arm and return all findings, in the order of the table; a simulated one is started for that.
 
-    Args:
-        config: of the practice run that is planned.
-        bounds: of the pulses; None: listen only.
-        agree: is asked before a real arm is pulsed, with what is going to happen; False: it is not.
-        listen_s: for how long to listen first.
-        namespace: of the arm.
+    Without bounds of pulses it only listens. ``agree`` is asked before a real arm is pulsed, with what is
+    going to happen.
 
     Raises:
         ConfigError: something about the configuration is wrong; nothing has moved.
@@ -62,7 +58,17 @@ def check_arm(
         ArmClient(config.arm.joints, still_there, namespace) as client,
     ):
         _wait_for_states(client, config)
-        listened = _listen(client, config, listen_s)
+        client.spin_for(listen_s)
+        listened = Evidence(
+            config.arm,
+            config.control.rate_hz,
+            client.states(),
+            *endpoints(client.node, topics.COMMANDS[config.arm.command_interface]),
+            names=client.names,
+            malformed=client.malformed,
+            listened_s=listen_s,
+            arm_has_own_clock=config.run.arm == "sim",
+        )
         findings = judge(listened, LISTENING)
         why = _why_not_pulsed(client, config, bounds, agree, findings)
         if bounds is not None and not why:
@@ -95,13 +101,10 @@ def _refuse_other_arm(config: Config, namespace: str) -> None:
     with ArmClient(config.arm.joints, namespace=namespace) as client:
         client.spin_for(DISCOVERY_S)
         found = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
-    others = [node for kind in found for node, _, _ in kind]
+    others = sorted({node for kind in found for node, _, _ in kind})
     if others:
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        expected = (
-            f"a domain without another arm, or run.arm=external (found {', '.join(sorted(set(others)))})"
-        )
-        raise ConfigError("ROS_DOMAIN_ID", domain, expected)
+        expected = f"a domain without another arm, or run.arm=external (found {', '.join(others)})"
+        raise ConfigError("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "0"), expected)
 
 
 def _wait_for_states(client: ArmClient, config: Config) -> None:
@@ -116,20 +119,6 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     # Its first states come while everything else is still starting.
     client.spin_for(DISCOVERY_S)
     client.forget()
-
-
-def _listen(client: ArmClient, config: Config, listen_s: float) -> Evidence:
-    client.spin_for(listen_s)
-    return Evidence(
-        config.arm,
-        config.control.rate_hz,
-        client.states(),
-        *endpoints(client.node, topics.COMMANDS[config.arm.command_interface]),
-        names=client.names,
-        malformed=client.malformed,
-        listened_s=listen_s,
-        arm_has_own_clock=config.run.arm == "sim",
-    )
 
 
 def _why_not_pulsed(
@@ -176,10 +165,8 @@ def _model(arm: ArmConfig, position_rad: FloatArray) -> tuple[FloatArray | None,
 
 def _announcement(config: Config, bounds: PulseBounds) -> str:
     arm = config.arm
-    efforts = ", ".join(
-        f"{joint} ±{bounds.effort_share * limit:.3g} N·m"
-        for joint, limit in zip(arm.joints, arm.effort_limit_nm, strict=True)
-    )
+    limits = zip(arm.joints, arm.effort_limit_nm, strict=True)
+    efforts = ", ".join(f"{joint} ±{bounds.effort_share * limit:.3g} N·m" for joint, limit in limits)
     return (
         "The arm is going to move. One joint after the other gets torque pulses of up to 0.1 s, from weak to "
         f"at most {bounds.effort_share:.1%} of its limit ({efforts}). Everything ends with zero effort as "

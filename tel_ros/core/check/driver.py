@@ -20,8 +20,8 @@ QUANTUM_SHARE = 0.005
 """Share of the effort limit up to which steps of the effort are fine."""
 FOLLOWS = 2.0
 """Factor by which the effort field may differ from what was commanded."""
-_STEP_S = 5e-4
 _LONGEST_S = 0.06
+_UNLIKE = "it is not in N·m at the joint, belongs to another joint, is filtered, or the channel is dead"
 
 
 def delay(seen: Evidence) -> Iterator[Finding]:
@@ -34,14 +34,13 @@ def delay(seen: Evidence) -> Iterator[Finding]:
         yield unchecked("no joint moved", expected)
         return
     delay_s = float(np.median(known))
-    yield judged(
-        delay_s <= limit_s,
-        f"{delay_s * 1e3:.1f} ms (median of {len(known)} pulses, {min(known) * 1e3:.1f} to "
-        f"{max(known) * 1e3:.1f} ms)",
-        expected,
+    spread = f"{min(known) * 1e3:.1f} to {max(known) * 1e3:.1f} ms"
+    measured = f"{delay_s * 1e3:.1f} ms (median of {len(known)} pulses, {spread})"
+    mend = (
         "look for filters and queues in the driver, the bus cycle and the network; command from the arm's "
-        "own machine",
+        "own machine"
     )
+    yield judged(delay_s <= limit_s, measured, expected, mend)
 
 
 def motion_delay_s(pulse: Pulse, visible_rad: FloatArray) -> float | None:
@@ -53,11 +52,10 @@ def motion_delay_s(pulse: Pulse, visible_rad: FloatArray) -> float | None:
     """
     went_rad = np.abs(pulse.displacement_rad()) / visible_rad
     j = int(np.argmax(went_rad))
-    states = pulse.states
-    if went_rad[j] < 1.0 or len(states) < 10:
+    time_s, position = pulse.states.received_s, pulse.states.position_rad[:, j]
+    if went_rad[j] < 1.0 or len(time_s) < 10:
         return None
-    time_s, position = states.received_s, states.position_rad[:, j]
-    delays_s = np.arange(-0.2 * _LONGEST_S, _LONGEST_S, _STEP_S)
+    delays_s = np.arange(-0.2 * _LONGEST_S, _LONGEST_S, 5e-4)
     errors = [_misfit(pulse, time_s - delay_s, position) for delay_s in delays_s]
     return float(delays_s[int(np.argmin(errors))])
 
@@ -86,11 +84,9 @@ def effort_field(seen: Evidence) -> Iterator[Finding]:
             if own:
                 yield unchecked("none is sent", expected, joint=joint)
             continue
-        flipped = gain < -1.0 / FOLLOWS
-        mend = "it is not in N·m at the joint, belongs to another joint, is filtered, or the channel is dead"
-        if flipped:
-            mend = "its sign is flipped against the command"
-        otherwise = Verdict.WRONG if flipped else Verdict.WARNING
+        mend, otherwise = "its sign is flipped against the command", Verdict.WRONG
+        if gain >= -1.0 / FOLLOWS:
+            mend, otherwise = _UNLIKE, Verdict.WARNING
         good = 1.0 / FOLLOWS <= gain <= FOLLOWS
         yield judged(good, f"{gain:.3g} times the command", expected, mend, joint=joint, otherwise=otherwise)
 
@@ -180,10 +176,8 @@ def _acted_s(silence: Silence) -> float | None:
     states = silence.states
     effort = states.effort_nm[:, silence.joint]
     pushing = states.received_s <= silence.silent_s
-    if not np.isfinite(effort).all():
-        return None
     acting = np.abs(effort) > 0.5 * silence.effort_nm
-    if not np.any(acting & pushing):
+    if not np.isfinite(effort).all() or not np.any(acting & pushing):
         return None
     # By the arm's time: a simulated arm on a busy machine is slower than our clock.
     last = int(np.flatnonzero(acting)[-1])

@@ -24,22 +24,14 @@ Endpoint = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class StateRecord:
-    """Joint states in the order of their arrival.
-
-    Args:
-        joints: names, in the order of all columns.
-        received_s: when they arrived, on a clock that only runs forward. Shape (n,).
-        stamp_ns: as they were stamped. Shape (n,).
-        age_s: the time of day at arrival minus the stamp. Shape (n,).
-        position_rad: shape (n, n_joints).
-        velocity_rad_s: NaN where none was sent. Shape (n, n_joints).
-        effort_nm: NaN where none was sent. Shape (n, n_joints).
-    """
+    """Joint states in the order of their arrival: n rows, a column a joint; NaN where nothing was sent."""
 
     joints: tuple[str, ...]
     received_s: FloatArray
+    """On a clock that only runs forward."""
     stamp_ns: IntArray
     age_s: FloatArray
+    """The time of day at arrival minus the stamp."""
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     effort_nm: FloatArray
@@ -142,9 +134,8 @@ class Pulsed:
     @cached_property
     def moved(self) -> list[int]:
         """Joints whose pulses have moved something."""
-        return sorted(
-            {p.joint for p in self.pulses if np.any(np.abs(p.displacement_rad()) >= self.visible_rad)}
-        )
+        moved = [p for p in self.pulses if np.any(np.abs(p.displacement_rad()) >= self.visible_rad)]
+        return sorted({pulse.joint for pulse in moved})
 
 
 @dataclass(frozen=True)
@@ -177,7 +168,7 @@ class Evidence:
 
     @property
     def pulsed(self) -> Pulsed:
-        """What pulses have shown, for checks that need them."""
+        """What pulses have shown, for checks that need it."""
         assert self.pulses is not None
         return self.pulses
 

@@ -19,8 +19,6 @@ from tel_ros.core.check.evidence import (
 )
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
-STATE_TYPE = "sensor_msgs/msg/JointState"
-COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
 RATE_TOLERANCE = 0.1
 """Share by which the rate may differ from the configured one."""
 JITTER_PERIODS = 3.0
@@ -34,52 +32,55 @@ ENOUGH_WINDOWS = 3
 VELOCITY_TOLERANCE = 0.25
 
 
-def state_publisher(seen: Evidence) -> Iterator[Finding]:
-    """One publisher of joint states, of the right type."""
-    mend = "end all but one: states of two arms, or of an old process, would be mixed"
-    yield _one_of(seen.publishers, STATE_TYPE, mend)
+def one_of(endpoints: str, kind: str, mend: str) -> Callable[[Evidence], Iterator[Finding]]:
+    """Return a check of whether there is one publisher or subscription, of the right type."""
+
+    def judge(seen: Evidence) -> Iterator[Finding]:
+        found: Sequence[Endpoint] = getattr(seen, endpoints)
+        good = len(found) == 1 and found[0][1] == kind
+        yield judged(good, _listed(found), f"one, of {kind}", mend, blocks=True)
+
+    return judge
+
+
+state_publisher = one_of(
+    "publishers",
+    "sensor_msgs/msg/JointState",
+    "end all but one: states of two arms, or of an old process, would be mixed",
+)
+command_listener = one_of(
+    "listeners",
+    "std_msgs/msg/Float64MultiArray",
+    "start and activate the controller that takes the commands; end a second one",
+)
 
 
 def other_commanders(seen: Evidence) -> Iterator[Finding]:
     """Nobody else commands the arm."""
     mend = "end whoever else commands the arm (tel practice, an old ep_controller, arm_guard) first"
-    expected = "nobody else commands the arm"
-    yield judged(not seen.commanders, _listed(seen.commanders), expected, mend, blocks=True)
-
-
-def command_listener(seen: Evidence) -> Iterator[Finding]:
-    """One subscription of commands, of the right type."""
-    mend = "start and activate the controller that takes the commands; end a second one"
-    yield _one_of(seen.listeners, COMMAND_TYPE, mend)
+    found, expected = _listed(seen.commanders), "nobody else commands the arm"
+    yield judged(not seen.commanders, found, expected, mend, blocks=True)
 
 
 def quality_of_service(seen: Evidence) -> Iterator[Finding]:
     """States are published reliably."""
     unreliable = [name for name, _, reliability in seen.publishers if reliability == "best_effort"]
-    yield judged(
-        not unreliable,
-        f"best effort: {', '.join(unreliable)}" if unreliable else "reliable",
-        "states are published reliably",
-        "the recorder subscribes reliably and would get nothing",
-    )
+    found = f"best effort: {', '.join(unreliable)}" if unreliable else "reliable"
+    mend = "the recorder subscribes reliably and would get nothing"
+    yield judged(not unreliable, found, "states are published reliably", mend)
 
 
 def joint_names(seen: Evidence) -> Iterator[Finding]:
     """Each joint of the arm is named once in every message."""
     heard = sorted(set(seen.names))
     others = sorted({name for each in heard for name in each} - set(seen.arm.joints))
-    words = {(1,): "in every message", (0,): "in none", (0, 1): "not in every message"}
+    none = f"in none (others: {', '.join(others)})" if others else "in none"
+    words = {(1,): "in every message", (0,): none, (0, 1): "not in every message"}
+    mend = "arm.joints needs the names of the joint states; one broadcaster for all joints of the arm"
     for joint in seen.arm.joints:
-        counts = sorted({each.count(joint) for each in heard})
-        yield judged(
-            counts == [1],
-            words.get(tuple(counts), "more than once in a message")
-            + (f" (others: {', '.join(others)})" if counts == [0] and others else ""),
-            "once in every message",
-            "arm.joints needs the names of the joint states; one broadcaster for all joints of the arm",
-            joint=joint,
-            blocks=True,
-        )
+        counts = tuple(sorted({each.count(joint) for each in heard}))
+        found = words.get(counts, "more than once in a message")
+        yield judged(counts == (1,), found, "once in every message", mend, joint=joint, blocks=True)
 
 
 def fields(seen: Evidence) -> Iterator[Finding]:
@@ -118,8 +119,7 @@ def rate_of_stamps(seen: Evidence) -> Iterator[Finding]:
 def jitter(seen: Evidence) -> Iterator[Finding]:
     """States arrive evenly."""
     late_s = np.diff(seen.states.received_s) - 1.0 / seen.rate_hz
-    p99_s = float(np.percentile(np.abs(late_s), 99))
-    limit_s = JITTER_PERIODS / seen.rate_hz
+    p99_s, limit_s = float(np.percentile(np.abs(late_s), 99)), JITTER_PERIODS / seen.rate_hz
     longest_s = late_s.max() + 1 / seen.rate_hz
     yield judged(
         p99_s <= limit_s,
@@ -160,13 +160,9 @@ def age(seen: Evidence) -> Iterator[Finding]:
 def positions(seen: Evidence) -> Iterator[Finding]:
     """Positions are numbers."""
     bad = _not_finite(seen.states, seen.states.position_rad)
-    yield judged(
-        not bad,
-        f"not finite: {bad}" if bad else "finite",
-        "finite numbers of rad",
-        "the driver has to send a number for each joint, or no message at all while it has none",
-        blocks=True,
-    )
+    found = f"not finite: {bad}" if bad else "finite"
+    mend = "the driver has to send a number for each joint, or no message at all while it has none"
+    yield judged(not bad, found, "finite numbers of rad", mend, blocks=True)
 
 
 def sent(column: str, mend: str) -> Callable[[Evidence], Iterator[Finding]]:
@@ -244,11 +240,6 @@ def _mend_velocity(ratio: float) -> str:
     if ratio < 0.0:
         return "the velocity's sign is flipped against the position's"
     return "position and velocity need the same unit (rad, rad/s), gear ratio and joint"
-
-
-def _one_of(endpoints: Sequence[Endpoint], kind: str, mend: str) -> Finding:
-    good = len(endpoints) == 1 and endpoints[0][1] == kind
-    return judged(good, _listed(endpoints), f"one, of {kind}", mend, blocks=True)
 
 
 def _listed(endpoints: Sequence[Endpoint]) -> str:

@@ -53,12 +53,8 @@ class PulseBounds:
 class PulseGuard:
     """Clips every effort, and says when to stop.
 
-    Args:
-        arm: names and effort limits.
-        bounds: what is allowed.
-        position_rad: where the arm is. Shape (n_joints,).
-        now_s: on a clock that only runs forward.
-        state_gap_s: no state for this long ends everything.
+    That is when a joint leaves the allowed range about ``position_rad``, where the arm is now, or when no
+    state comes for ``state_gap_s``. Times are those of a clock that only runs forward.
 
     Raises:
         ConfigError: ``state_gap_s`` is not above 0 and up to :data:`MOST_STATE_GAP_S`.
@@ -82,7 +78,6 @@ class PulseGuard:
         self.complaint: str | None = None
         """Why everything has to end; stays once it is set."""
         self.mend = ""
-        """What to do about the complaint."""
 
     def look(self, now_s: float, position_rad: FloatArray) -> bool:
         """Take in a state; return whether to go on."""

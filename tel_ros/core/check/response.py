@@ -44,34 +44,29 @@ def effort_channel(seen: Evidence) -> Iterator[Finding]:
 
 def wiring(seen: Evidence) -> Iterator[Finding]:
     """Each effort reaches its own joint."""
-    joints, target = seen.arm.joints, _target(seen.pulsed)
+    joints, target, own = seen.arm.joints, _target(seen.pulsed), "its command moves this joint"
     for j in seen.pulsed.moved:
         joint, reached = joints[j], joints[target[j]]
-        own = "its command moves this joint"
-        yield judged(
-            joint == reached,
-            own if joint == reached else f"its command moves {reached}",
-            own,
+        mend = (
             f"{joint} and {reached} are swapped: compare the joints of the effort controller and the names "
-            "in the joint states with arm.joints, and the cables of the drives",
-            joint=joint,
+            "in the joint states with arm.joints, and the cables of the drives"
         )
+        found = own if joint == reached else f"its command moves {reached}"
+        yield judged(joint == reached, found, own, mend, joint=joint)
 
 
 def sign(seen: Evidence) -> Iterator[Finding]:
     """Each joint moves with its effort, not against it."""
-    pulsed = seen.pulsed
+    pulsed, expected = seen.pulsed, "moves with the effort"
     response, target = response_matrix(pulsed.pulses, len(seen.arm.joints)), _target(pulsed)
+    mend = (
+        "flip the sign of the effort, or of position and velocity, in the driver (if not all joints were "
+        "pulsed, it may also be swapped with another)"
+    )
     for j in pulsed.moved:
         good = bool(response[target[j], j] > 0.0)
-        yield judged(
-            good,
-            "moves with the effort" if good else "moves against the effort",
-            "moves with the effort",
-            "flip the sign of the effort, or of position and velocity, in the driver (if not all joints were "
-            "pulsed, it may also be swapped with another)",
-            joint=seen.arm.joints[j],
-        )
+        measured = expected if good else "moves against the effort"
+        yield judged(good, measured, expected, mend, joint=seen.arm.joints[j])
 
 
 def both_ways(seen: Evidence) -> Iterator[Finding]:

@@ -27,8 +27,8 @@ class PulseSession:
 
     Args:
         guard: of the whole session.
-        damping_nms_per_rad: B, for braking. Shape (n_joints,).
-        resolution_rad: of the positions. Shape (n_joints,).
+        damping_nms_per_rad: B, for braking.
+        resolution_rad: of the positions.
         states: returns what has arrived since a time. It is asked while the arm waits, so it has to be quick.
     """
 

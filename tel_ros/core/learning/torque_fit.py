@@ -82,22 +82,17 @@ def predict_torque(learner: Learner, inputs: FloatArray) -> TorquePrediction:
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """Errors of predictions of blocks that were not learned from.
-
-    Args:
-        nmse: mean square error over variance of the torque, per joint. Shape (n_joints,).
-        rms_nm: shape (n_joints,).
-        expected_rms_nm: from the learners' standard deviations. Shape (n_joints,).
-        within_2_std: share of the errors within two standard deviations; 0.95 of a normal distribution.
-        extrapolated: share of the samples that lay outside of what was learned from, or were uncertain.
-        n_samples: that were predicted.
-    """
+    """Errors of predictions of blocks that were not learned from. Arrays of shape (n_joints,)."""
 
     nmse: FloatArray
+    """Mean square error over variance of the torque."""
     rms_nm: FloatArray
     expected_rms_nm: FloatArray
+    """From the learners' standard deviations."""
     within_2_std: float
+    """Share of the errors within two standard deviations; 0.95 of a normal distribution."""
     extrapolated: float
+    """Share of the samples that lay outside of what was learned from, or were uncertain."""
     n_samples: int
 
     @property

@@ -40,7 +40,6 @@ _SPLINE_DEGREE = 5
 FEWEST_OF_SPLINE = _SPLINE_DEGREE + 1
 _SPLINE_EDGE = 6
 """Samples from either end in which the derivatives of the spline are not those of the motion."""
-_NARROWEST = 1e-6
 MOST_CONDITION_OF_JOINT = 10.0
 """Where two of three standardised signals have a correlation of 0.98: with noise, their parts in a torque
 cannot be separated."""
@@ -78,15 +77,8 @@ class TorqueSamples:
 
     def to_learn(self, unit_nm: FloatArray) -> TrainingSamples:
         """Return them for a learner whose outputs are torques in units of ``unit_nm``, shape (n_joints,)."""
-        return TrainingSamples(
-            actual=self.inputs,
-            desired=self.inputs,
-            offset_rad=self.torque_nm / unit_nm,
-            input_noise=self.input_noise,
-            period_s=self.period_s,
-            bandwidth_hz=self.bandwidth_hz,
-            sliding=self.sliding,
-        )
+        known = (self.input_noise, self.period_s, self.bandwidth_hz, self.sliding)
+        return TrainingSamples(self.inputs, self.inputs, self.torque_nm / unit_nm, *known)
 
 
 def torque_samples(
@@ -153,7 +145,7 @@ def recorded_range(samples: Iterable[TorqueSamples]) -> InputRange:
     low, high = inputs.min(axis=0), inputs.max(axis=0)
     high[n_joints:] = np.maximum(np.abs(low[n_joints:]), np.abs(high[n_joints:]))
     low[n_joints:] = -high[n_joints:]
-    width = np.maximum(high - low, _NARROWEST)
+    width = np.maximum(high - low, 1e-6)
     middle = 0.5 * (low + high)
     return InputRange(middle - 0.5 * width, middle + 0.5 * width)
 
@@ -168,16 +160,11 @@ def _filtered(
     is_filtered = filters(cutoff_hz, period_s)
     reach = max(1, math.ceil(1.0 / (cutoff_hz * period_s))) if is_filtered else 1
     n_joints = measured_rad.shape[1]
-    whole = TorqueSamples(
-        source=source,
-        time_s=time_s,
-        inputs=inputs,
-        torque_nm=low_pass(effort_nm, cutoff_hz, period_s),
-        period_s=period_s,
-        bandwidth_hz=cutoff_hz if is_filtered else 0.5 / period_s,
-        input_noise=noise.ravel(),
-        sliding=slides_throughout(inputs[:, n_joints : 2 * n_joints], noise[1], reach),
-    )
+    sliding = slides_throughout(inputs[:, n_joints : 2 * n_joints], noise[1], reach)
+    torque_nm = low_pass(effort_nm, cutoff_hz, period_s)
+    bandwidth_hz = cutoff_hz if is_filtered else 0.5 / period_s
+    even = (time_s, inputs, torque_nm, period_s, bandwidth_hz, noise.ravel(), sliding)
+    whole = TorqueSamples(source, *even)
     edge = max(reach, _SPLINE_EDGE)
     return whole[edge : len(time_s) - edge]
 
@@ -247,16 +234,10 @@ def excitation(joints: Sequence[str], parts: Sequence[TorqueSamples]) -> Excitat
     for j, joint in enumerate(joints):
         own = inputs[:, j::n_joints]
         snr = np.sqrt(np.mean(own[:, 2] ** 2)) / max(float(noise[2 * n_joints + j]), 1e-300)
-        found.append(
-            JointExcitation(
-                joint=joint,
-                position_rad=(float(own[:, 0].min()), float(own[:, 0].max())),
-                velocity_rad_s=float(np.abs(own[:, 1]).max()),
-                acceleration_rad_s2=float(np.abs(own[:, 2]).max()),
-                condition=condition_number(own),
-                acceleration_snr=float(snr),
-            )
-        )
+        speed_rad_s, acceleration_rad_s2 = np.abs(own[:, 1:]).max(axis=0).tolist()
+        reach_rad = (float(own[:, 0].min()), float(own[:, 0].max()))
+        most = (reach_rad, speed_rad_s, acceleration_rad_s2)
+        found.append(JointExcitation(joint, *most, condition_number(own), float(snr)))
     return Excitation(tuple(found), condition_number(inputs))
 
 
