@@ -23,7 +23,7 @@ GIVEN_NOTE = (
 GIVENS: tuple[Given, ...] = ("nothing", "kinematics", "model")
 NONE, NEVER = "–", "never"
 NAME = "comparison"
-NONE_NOTE = f"{NONE}: a stored command sequence has nothing to say about another path."
+NONE_NOTE = f"{NONE}: a stored command sequence cannot follow another path."
 
 
 def values(comparison: Comparison, column: MeritColumn, method: str) -> list[float]:

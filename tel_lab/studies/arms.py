@@ -237,9 +237,9 @@ def arms(options: StudyOptions) -> None:
 | `config/franka_panda.yaml` | Franka Panda of `pybullet_data`, seven joints; the fingers are held | yes |
 
 `arm.urdf` takes a file, or `package://NAME/path` of an installed Python or ROS package. Joints are found by
-name. A movable joint that `arm.joints` does not name is held at 0 (and said so), unless it carries a named
-one: then the description is refused. So are limits beyond the URDF's, inertias that no body has, and joints
-that move nothing. A body without `<inertial>`, or inertia without mass, is warned about.
+name. A movable joint that `arm.joints` does not name is held at 0, with a warning, unless it carries a named
+one: then the description is refused. So are limits beyond the URDF's, impossible inertias, and joints
+that move nothing. A body without `<inertial>`, or inertia without mass, gets a warning.
 
 RMS error in mrad over all joints, in brackets that of the worst joint. Encoders of 16 bits; practice on a
 schedule of {N_STEPS} trials even in torque (1/T²) and repeats of the last; the dry friction is 1 % of each
