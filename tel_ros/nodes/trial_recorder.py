@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -28,11 +28,12 @@ from tel_ros.recording import topics
 from tel_ros.recording.bag_format import to_cdr, typestore
 from tel_ros.recording.bag_writer import TrialBagWriter, free_mb
 from tel_ros.recording.cdr import answered_ns, header_stamp_ns, trial_index
-from tel_ros.recording.gaps import missing
 
 DISCOVERY_TIMEOUT_S = 5.0
 DRAIN_TIMEOUT_S = 5.0
 HEARD_LATELY_S = 1.0
+COMMANDS = "commands"
+"""Stands for whichever topic of commands a trial has."""
 LITTLE_SPACE_MB, NO_SPACE_MB = 500.0, 50.0
 """A trial of ten seconds at 500 Hz takes about 3 MB."""
 _CHECK_PERIOD_S = 0.02
@@ -261,6 +262,25 @@ class TrialRecorderNode(Node):
     def _dropped(self, result: messages.TrialResult) -> int:
         """Return how many ticks of a trial have not arrived: counted, because its clock may have jumped."""
         return max(0, result.ticks - self._ticks[result.index])
+
+
+def missing(stamps_ns: Mapping[str, Sequence[int]]) -> dict[str, int]:
+    """Return how many joint states and commands (:data:`COMMANDS`) a recording of a trial lacks, if any.
+
+    Each control state carries the stamp of the joint state that it answers, and so does the command that went
+    out with it: a stamp without its counterpart is a message that was lost on the way. What came before the
+    first message of a topic does not count, because the recording may have begun in between.
+
+    ``stamps_ns``: of what was recorded, by topic; of control states only those of the trial.
+    """
+    answered = stamps_ns.get(topics.CONTROL_STATES, ())
+    commands = {stamp for topic in topics.RECORDED_COMMANDS for stamp in stamps_ns.get(topic, ())}
+    found = {topics.JOINT_STATES: set(stamps_ns.get(topics.JOINT_STATES, ())), COMMANDS: commands}
+    lacking = {}
+    for topic, present in found.items():
+        begun = next((k for k, stamp in enumerate(answered) if stamp in present), 0)
+        lacking[topic] = sum(stamp not in present for stamp in answered[begun:])
+    return {topic: n for topic, n in lacking.items() if n}
 
 
 def main() -> None:

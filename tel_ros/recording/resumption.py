@@ -194,7 +194,10 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
         if summary.get("outcome") in _ENDED and isinstance(earlier.session.next(), Ending):
             found = f"the run is finished: {summary['outcome']}, {len(bags)} trials"
             raise InputFileError(folder, found, "a run that was interrupted")
-    moved = dict(_moved(folder, path, why) for path, why in {**cut_off, **_leftovers(folder)}.items())
+    leftovers = cut_off | dict.fromkeys(sorted((folder / UNFINISHED).glob("*")), "was never closed")
+    if (folder / LOG_FOLDER).is_dir():
+        leftovers[folder / LOG_FOLDER] = "logs of before"
+    moved = {_set_aside(folder, path): why for path, why in leftovers.items()}
     if not any((folder / UNFINISHED).glob("*")) and (folder / UNFINISHED).is_dir():
         (folder / UNFINISHED).rmdir()
     if earlier.rows:
@@ -228,19 +231,11 @@ def _why_not(bag: Path) -> str:
     return ""
 
 
-def _leftovers(folder: Path) -> dict[Path, str]:
-    left = dict.fromkeys(sorted((folder / UNFINISHED).glob("*")), "was never closed")
-    if (folder / LOG_FOLDER).is_dir():
-        left[folder / LOG_FOLDER] = "logs of before"
-    return left
-
-
-def _moved(folder: Path, path: Path, why: str) -> tuple[Path, str]:
-    """Move something aside under a name that is free."""
+def _set_aside(folder: Path, path: Path) -> Path:
+    """Move something aside under a name that is free, and return its new place."""
     target, n = folder / SET_ASIDE / path.name, 1
     target.parent.mkdir(exist_ok=True)
     while target.exists():
         n += 1
         target = folder / SET_ASIDE / f"{path.name}.{n}"
-    path.rename(target)
-    return target, why
+    return path.rename(target)

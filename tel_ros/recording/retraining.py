@@ -84,18 +84,11 @@ def train(
 
     Configuration, URDF, waypoints and the network that the run began with are taken from the first bag.
 
-    Args:
-        paths: bags, or folders of runs.
-        out: file of the network.
-        overrides: other settings of the learner, as for ``--set``.
-        force: whether an existing file may be replaced.
-        on_lesson: called after each bag.
+    ``paths``: bags, or folders of runs. ``overrides``: other settings of the learner, as for ``--set``.
+    ``force``: whether an existing file may be replaced. ``on_lesson``: called after each bag.
 
-    Raises:
-        InputFileError: ``out`` exists or cannot be written; a bag cannot be used (BagError), or is of another
-            arm than the first.
-        ConfigError: a setting is wrong.
-        TrainingError: a trial cannot be learned from.
+    Raises InputFileError about ``out`` or, as BagError, about a bag; ConfigError about a setting;
+    TrainingError if a trial cannot be learned from.
     """
     if out.exists() and not force:
         raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
@@ -149,7 +142,11 @@ def bags_of(paths: Sequence[Path]) -> list[Path]:
     """
     bags: list[Path] = []
     for path in paths:
-        bags += _trials_of(path) if is_run_folder(path) else [path]
+        of_run = trial_bags(path) if is_run_folder(path) else None
+        if of_run == []:
+            raise BagError(path, "holds no trials", "the folder of a run with trial_001 and so on")
+        require_all_before_last(path, of_run or ())
+        bags += of_run or [path]
     for k, bag in enumerate(bags):
         if bag.resolve() in [earlier.resolve() for earlier in bags[:k]]:
             raise BagError(bag, "is named twice", "each bag once")
@@ -163,11 +160,6 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
     """Learn from bags, one after the other, as practice does.
 
     A trial before which practice had gone back to an earlier network is learned from with that one.
-
-    Args:
-        bags: of one arm or of equal ones.
-        config: how to learn.
-        learner: to begin with.
 
     Raises:
         BagError: a bag is unfinished, recovered or damaged; it is of another arm than the first; or it goes
@@ -186,7 +178,8 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
             if (run, back) not in kept:
                 found = f"goes back to the network after trial {back}"
                 raise BagError(bag, found, f"{trial_bag(bag.parent, back)} among the bags before it")
-            learner, note = kept[run, back], f"back to the network {_after(back)}"
+            learner = kept[run, back]
+            note = f"back to the network {f'after trial {back}' if back else 'that the run began with'}"
         before = revision(learner)
         trial = read_trial(bag)
         if trial.joints != config.arm.joints:
@@ -221,14 +214,8 @@ def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmCon
     """Make sure that all bags are of one arm.
 
     Compared are its name, its joints in their order, its command interface, its springs (those of the
-    configuration: what a single trial varies is accounted for) and the text of its URDF.
-
-    Args:
-        bags: with their metadata.
-        arm: of which they have to be, with a URDF that can be read; None: that of the first bag.
-
-    Raises:
-        BagError: a bag differs in that; the message says in what, with both values.
+    configuration: what a single trial varies is accounted for) and the text of its URDF. BagError if a bag
+    differs in one of them from ``arm``, whose URDF can be read; None: from the first bag.
     """
     if arm is not None:
         reference, origin = _facts(arm, Path(arm.urdf).read_text(encoding="utf-8")), "the configuration"
@@ -248,14 +235,6 @@ def _facts(arm: ArmConfig, urdf: str) -> dict[str, Any]:
     return facts
 
 
-def _trials_of(run: Path) -> list[Path]:
-    bags = trial_bags(run)
-    if not bags:
-        raise BagError(run, "holds no trials", "the folder of a run with trial_001 and so on")
-    require_all_before_last(run, bags)
-    return bags
-
-
 def _gone_back_to(bag: Path, metadata: dict[str, str]) -> int | None:
     text = metadata.get(GO_BACK_TO, "")
     if not text:
@@ -263,7 +242,3 @@ def _gone_back_to(bag: Path, metadata: dict[str, str]) -> int | None:
     if not text.isdigit():
         raise BagError(bag, f"{GO_BACK_TO} in its metadata is {text!r}", "nothing, or the number of a trial")
     return int(text)
-
-
-def _after(index: int) -> str:
-    return f"after trial {index}" if index else "that the run began with"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from tel_ros.nodes.trial_recorder import COMMANDS, missing
 from tel_ros.recording import topics
-from tel_ros.recording.gaps import COMMANDS, missing
 
 STAMPS = list(range(0, 100, 2))
 
