@@ -38,7 +38,7 @@ def test_two_arms_practise_side_by_side_in_two_namespaces(tel: Callable[..., Tel
                 names = {connection.topic for connection in reader.connections}
             assert names >= {f"/{side}/{topic}" for topic in (topics.JOINT_STATES, topics.CONTROL_STATES)}
             assert all(name.startswith(f"/{side}/") for name in names)
-            assert read_trial(bag).index == int(bag.name[-3:])
+            assert read_trial(bag).report.index == int(bag.name[-3:])
             assert len(read_topic(bag, topics.JOINT_STATES)) > 100
 
 
