@@ -13,22 +13,17 @@ from tel_ros.core.types import FloatArray
 class ArmState:
     """One measured state. Arrays of shape (n_joints,).
 
-    Args:
-        time_ns: when it was measured.
-        position_rad: as measured.
-        velocity_rad_s: as measured.
-        age_s: how late it has come (:class:`~tel_ros.core.safety.gate.Latency`); 0 where none can tell.
-        effort_nm: what the motors are said to have exerted until then; None: nothing is said.
-
     Raises:
-        StateError: a value is not finite.
+        StateError: a position or velocity is not finite.
     """
 
     time_ns: int
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     age_s: float = 0.0
+    """How late it has come (:class:`~tel_ros.core.safety.gate.Latency`); 0 where none can tell."""
     effort_nm: FloatArray | None = None
+    """What the motors are said to have exerted until then; None: nothing is said."""
 
     def __post_init__(self) -> None:
         # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.

@@ -43,11 +43,7 @@ class Range:
         )
 
     def text(self, number: str) -> str:
-        """Return the range in words: ``a finite number above 0``.
-
-        Args:
-            number: ``number``, ``whole number`` or ``numbers``.
-        """
+        """Say it for a ``number``, ``whole number`` or ``numbers``: ``a finite number above 0``."""
         finite = "" if number == "whole number" or self.high < math.inf else "finite "
         text = finite + number if number.endswith("s") else f"a {finite}{number}"
         if self.high < math.inf:
@@ -60,13 +56,10 @@ class Range:
 
 @dataclass(frozen=True)
 class FileRole:
-    """A file that a key names. Relative names are resolved where the key is read; each bag holds the content.
-
-    Args:
-        binary: stored in Base64, and with the first trial only.
-    """
+    """A file that a key names. A relative name is resolved where the key is read; bags hold the content."""
 
     binary: bool = False
+    """Whether it is stored in Base64, and with the first trial only."""
 
 
 TextFile = Annotated[str, FileRole()]
@@ -103,8 +96,7 @@ class Declared:
     @property
     def expected(self) -> str:
         """What the field takes, in words."""
-        element = get_args(self.hint)[0] if get_origin(self.hint) is tuple else None
-        if element is not None and self.range:
+        if self.range and get_origin(self.hint) is tuple:
             return self.range.text("numbers")
         return in_words(self.hint, self.range)
 
@@ -128,11 +120,12 @@ def declared(record: Any) -> Mapping[str, Declared]:
 
 @cache
 def _declared(record: Any) -> Mapping[str, Declared]:
-    hints, docs = get_type_hints(record, include_extras=True), _docs(record)
-    plain = get_type_hints(record)
+    hints, plain, docs = get_type_hints(record, include_extras=True), get_type_hints(record), _docs(record)
     found = {}
     for field in fields(record):
-        notes = _notes(hints[field.name])
+        hint = hints[field.name]
+        element = get_args(hint)[0] if get_origin(hint) is tuple else hint
+        notes = getattr(element, "__metadata__", ())
         found[field.name] = Declared(
             name=field.name,
             hint=plain[field.name],
@@ -143,12 +136,6 @@ def _declared(record: Any) -> Mapping[str, Declared]:
             file=next((note for note in notes if isinstance(note, FileRole)), None),
         )
     return found
-
-
-def _notes(hint: Any) -> tuple[Any, ...]:
-    if get_origin(hint) is tuple:
-        hint = get_args(hint)[0]
-    return getattr(hint, "__metadata__", ())
 
 
 def _docs(record: type) -> dict[str, str]:
@@ -192,14 +179,10 @@ class Checked:
 def read_record(
     record: type[Record], raw: Any, source_of: SourceOf = lambda key: None, section: str = ""
 ) -> Record:
-    """Check nested plain values against the types of a dataclass, and return them as one.
+    """Check nested plain values, as read from YAML, against the types of a dataclass, and return them as one.
 
-    Args:
-        record: its fields are text, numbers, true or false, literals, anything, dataclasses (or None), or
-            tuples and dictionaries of those.
-        raw: as read from YAML.
-        source_of: for messages.
-        section: in front of the keys in messages.
+    Its fields are text, numbers, true or false, literals, anything, dataclasses (or None), or tuples and
+    dictionaries of those. ``section`` stands in front of the keys in messages.
 
     Raises:
         ConfigError: a key is unknown or missing, or a value is wrong.

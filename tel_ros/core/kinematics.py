@@ -15,30 +15,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ChainJoint:
-    """One joint on the way from the base to the hand.
-
-    Args:
-        origin_m: place in the frame of the link before it. Shape (3,).
-        origin_rpy_rad: orientation in it at joint position 0: roll, pitch, yaw about fixed axes. Shape (3,).
-        axis: unit vector in the joint's own frame. Shape (3,).
-        index: which of the arm's joints it is, or None if it does not move.
-        prismatic: whether it slides along the axis [m] instead of turning about it [rad].
-    """
+    """One joint on the way from the base to the hand. Vectors of shape (3,)."""
 
     origin_m: FloatArray
+    """Place in the frame of the link before it."""
     origin_rpy_rad: FloatArray
+    """Orientation in it at joint position 0: roll, pitch, yaw about fixed axes."""
     axis: FloatArray
+    """Unit vector in the joint's own frame."""
     index: int | None
+    """Which of the arm's joints it is, or None if it does not move."""
     prismatic: bool = False
+    """Whether it slides along the axis [m] instead of turning about it [rad]."""
 
     def placements(self, position_rad: FloatArray) -> tuple[FloatArray, Rotation]:
         """Return where the link behind the joint is in the frame of the link before it.
 
-        Args:
-            position_rad: of the arm's joints [rad, m]. Shape (n, n_joints).
-
-        Returns:
-            Places [m] of shape (n, 3), and n orientations.
+        For joint positions [rad, m] of shape (n, n_joints): places [m] of shape (n, 3), and n orientations.
         """
         from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
 
@@ -55,13 +48,7 @@ class ChainJoint:
 
 @dataclass(frozen=True)
 class LinkJoint:
-    """A joint of a tree of links.
-
-    Args:
-        parent: the link before it.
-        child: the link behind it.
-        joint: how the one is placed in the frame of the other.
-    """
+    """A joint of a tree of links: how the child is placed in the frame of its parent."""
 
     parent: str
     child: str
@@ -75,11 +62,7 @@ class SerialChain:
     joints: tuple[ChainJoint, ...]
 
     def hand_positions(self, position_rad: FloatArray) -> FloatArray:
-        """Return the hand's position [m] in the base frame for joint positions of shape (n, n_joints).
-
-        Returns:
-            Shape (n, 3).
-        """
+        """Return the hand's positions [m] in the base frame, shape (n, 3), for positions (n, n_joints)."""
         from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
 
         n = len(position_rad)

@@ -23,7 +23,7 @@ def plugin(
         key: of the configuration, for messages.
         name: which one.
         group: of the entry points.
-        ours: by name; another package cannot take these names.
+        ours: by name, which another package cannot take.
         methods: that the object has to have.
         made: makes the object from what is found under the name.
 

@@ -16,11 +16,8 @@ from tel_ros.core.types import FloatArray
 class Springs:
     """K and B at all joints; the control law is τ = K (u - q) - B q̇ ([Practice] Sec. 3; Shadmehr 1990).
 
-    What it wants is not yet what may reach the arm: :class:`~tel_ros.core.safety.layer.SafetyLayer`.
-
-    Args:
-        stiffness_nm_per_rad: K. Shape (n_joints,).
-        damping_nms_per_rad: B. Shape (n_joints,).
+    What it wants is not yet what may reach the arm: :class:`~tel_ros.core.safety.layer.SafetyLayer`. K and B
+    have the shape (n_joints,), positions, velocities and efforts (n_joints,) or (n, n_joints).
 
     Raises:
         TrajectoryError: the shapes differ, or a value is not finite, K is not above 0, or B is below 0.
@@ -60,8 +57,8 @@ class Springs:
     def require_within(self, factor: float, configured: Springs) -> None:
         """Refuse springs that are much stiffer or softer than the configured ones.
 
-        Stiffer ones need a faster control loop than the configured ones; with softer ones, a given effort
-        takes an equilibrium point that is further away.
+        Stiffer ones need a faster control loop; with softer ones, a given effort takes an equilibrium point
+        that is further away.
 
         Raises:
             TrajectoryError: another number of joints, or a K or B beyond ``factor`` times the configured one
@@ -83,7 +80,7 @@ class Springs:
     def effort(
         self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
-        """Return the effort in N·m. Shapes (n_joints,) or (n, n_joints)."""
+        """Return the effort in N·m."""
         wanted: FloatArray = (
             self.stiffness_nm_per_rad * (equilibrium_rad - position_rad)
             - self.damping_nms_per_rad * velocity_rad_s
@@ -93,7 +90,7 @@ class Springs:
     def equilibrium(
         self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
-        """Return the equilibrium points in rad for an effort. Shapes (n_joints,) or (n, n_joints)."""
+        """Return the equilibrium points in rad for an effort."""
         wanted: FloatArray = (
             position_rad + (effort_nm + self.damping_nms_per_rad * velocity_rad_s) / self.stiffness_nm_per_rad
         )
@@ -106,15 +103,9 @@ class Springs:
         position_rad: FloatArray,
         velocity_rad_s: FloatArray,
     ) -> FloatArray:
-        """Return where these springs have to pull to for the effort that others exert.
+        """Return where to pull to for the effort that other springs exert, which pull to ``equilibrium_rad``.
 
         K (u - q) - B q̇ = K' (u' - q) - B' q̇. Equal springs give back the same array.
-
-        Args:
-            other: K' and B'.
-            equilibrium_rad: u'. Shape (n_joints,) or (n, n_joints), as all of these.
-            position_rad: q.
-            velocity_rad_s: q̇.
         """
         if self.equal(other):
             return equilibrium_rad
@@ -124,31 +115,16 @@ class Springs:
 
 @dataclass(frozen=True)
 class SpringChange:
-    """One trial's springs, where they are not those that learners learn for.
-
-    Args:
-        used: in the trial.
-        configured: what û - q of a learner is defined for.
-    """
+    """The springs that a trial used, where they are not the configured ones, which learners learn for."""
 
     used: Springs
     configured: Springs
 
+    def learned(
+        self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
+    ) -> FloatArray:
+        """Return the û of the configured springs that would have exerted what those of the trial did.
 
-def learned_equilibrium(
-    change: SpringChange | None,
-    equilibrium_rad: FloatArray,
-    position_rad: FloatArray,
-    velocity_rad_s: FloatArray,
-) -> FloatArray:
-    """Return the û of the configured springs that would have exerted what the springs of a trial did.
-
-    Args:
-        change: the springs; None: they were the configured ones.
-        equilibrium_rad: û as sent. Shape (n, n_joints).
-        position_rad: as measured. Shape (n, n_joints).
-        velocity_rad_s: as measured, and as it went into the control law. Shape (n, n_joints).
-    """
-    if change is None:
-        return equilibrium_rad
-    return change.configured.equilibrium_for(change.used, equilibrium_rad, position_rad, velocity_rad_s)
+        Shapes (n, n_joints). The velocity is the one that went into the control law.
+        """
+        return self.configured.equilibrium_for(self.used, equilibrium_rad, position_rad, velocity_rad_s)

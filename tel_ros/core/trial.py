@@ -10,7 +10,6 @@ from typing import Any, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
@@ -45,14 +44,7 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True)
 class TrialGoal:
-    """What to do in one trial.
-
-    Args:
-        index: number of the trial, for the records.
-        alpha: practice parameter, for the records.
-        desired: y.
-        equilibrium_rad: the command û at the times of ``desired``. Shape (n, n_joints).
-        springs: K and B in this trial; None: as configured.
+    """What to do in one trial; number and practice parameter are for the records.
 
     Raises:
         TrajectoryError: the command does not fit the desired trajectory or is not finite.
@@ -62,7 +54,9 @@ class TrialGoal:
     alpha: float
     desired: DesiredTrajectory
     equilibrium_rad: FloatArray
+    """The command û at the times of ``desired``. Shape (n, n_joints)."""
     springs: Springs | None = None
+    """K and B in this trial; None: as configured."""
 
     def __post_init__(self) -> None:
         check_points("the equilibrium trajectory", self.equilibrium_rad, self.desired.position_rad.shape)
@@ -89,27 +83,23 @@ class Tick(NamedTuple):
 class LoopTiming:
     """Figures of one trial, over the joint states that were answered.
 
-    Args:
-        state_rate_hz: of the states as they arrived, by the controller's monotonic clock.
-        stamp_rate_hz: of the states by their own stamps.
-        jitter_p50_s: median deviation of the time between two arrivals from the period.
-        jitter_p99_s: 99th percentile of it.
-        jitter_max_s: the largest.
-        response_p99_s: from taking a state to having sent the command, 99th percentile.
-        response_max_s: the longest.
-        missed_ticks: periods without an answered state: see ``control.loop_timing.missed_ticks``.
-        warning: what is bad about them, in one line; empty: nothing.
+    Jitter is the deviation of the time between two arrivals from the period; a response goes from taking a
+    state to having sent the command.
     """
 
     state_rate_hz: float
+    """Of the states as they arrived, by the controller's monotonic clock."""
     stamp_rate_hz: float
+    """Of the states by their own stamps."""
     jitter_p50_s: float
     jitter_p99_s: float
     jitter_max_s: float
     response_p99_s: float
     response_max_s: float
     missed_ticks: int
+    """Periods without an answered state: ``control.loop_timing.missed_ticks``."""
     warning: str = ""
+    """What is bad about them, in one line; empty: nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,9 +149,9 @@ def _plain(value: Any) -> Any:
         return value.text
     if isinstance(value, LoopTiming):
         return asdict(value)
-    if isinstance(value, np.ndarray | tuple):
-        return list(value) if isinstance(value, tuple) else value.tolist()
-    return value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _number(value: Any) -> float:
@@ -192,33 +182,26 @@ def _from_plain(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What was done in one trial; arrays have one row a tick.
-
-    Args:
-        report: how it went.
-        joints: names, in the order of the columns.
-        time_ns: stamps of the joint states that were answered. Shape (n,).
-        phase: numbers of :class:`Phase`. Shape (n,).
-        desired: y as positions, velocities, accelerations. Shape (n, 3 * n_joints).
-        equilibrium_rad: û. Shape (n, n_joints).
-        position_rad: ŷ as measured. Shape (n, n_joints).
-        velocity_rad_s: as measured. Shape (n, n_joints).
-        effort_nm: as commanded, or as expected of position drives. Shape (n, n_joints).
-        saturated: whether the effort was clipped. Shape (n, n_joints).
-        springs: those of the trial, if they were not the configured ones.
-    """
+    """What was done in one trial: arrays of shape (n,) or (n, n_joints), with one row a tick."""
 
     report: TrialReport
     joints: tuple[str, ...]
+    """Names, in the order of the columns."""
     time_ns: IntArray
+    """Stamps of the joint states that were answered."""
     phase: IntArray
+    """Numbers of :class:`Phase`."""
     desired: FloatArray
+    """y as positions, velocities, accelerations. Shape (n, 3 * n_joints)."""
     equilibrium_rad: FloatArray
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     effort_nm: FloatArray
+    """As commanded, or as expected of position drives."""
     saturated: BoolArray
+    """Whether the effort was clipped."""
     springs: SpringChange | None = None
+    """Those of the trial, if they were not the configured ones."""
 
     @property
     def run(self) -> BoolArray:
@@ -232,9 +215,3 @@ class Trial:
         start_ns = self.time_ns[self.run][:1] if self.run.any() else self.time_ns[:1]
         time_s: FloatArray = (self.time_ns - start_ns) / NS_PER_S
         return time_s
-
-
-def require_joint_count(goal: TrialGoal, n_joints: int) -> None:
-    """Raise :class:`TrajectoryError` unless the goal is for this number of joints."""
-    if goal.desired.n_joints != n_joints:
-        raise TrajectoryError(f"the goal has {goal.desired.n_joints} joints; expected {n_joints}")

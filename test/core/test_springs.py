@@ -10,7 +10,7 @@ from two_link import TwoLinkArm, arm_config, make_bench, reach
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.errors import TrajectoryError
-from tel_ros.core.springs import SpringChange, Springs, learned_equilibrium
+from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trial import Outcome, Phase, TrialGoal
 
 CONFIGURED = Springs.of(arm_config())
@@ -43,13 +43,12 @@ def test_stiffness_and_damping_have_one_value_a_joint(shapes: tuple[tuple[int, .
 def test_equal_springs_give_back_the_same_array() -> None:
     u = np.array([0.1, 0.2])
     assert CONFIGURED.equilibrium_for(Springs.of(arm_config()), u, np.ones(2), np.ones(2)) is u
-    assert learned_equilibrium(None, u, np.ones(2), np.ones(2)) is u
 
 
 def test_the_learned_equilibrium_exerts_with_the_configured_springs_what_was_exerted() -> None:
     used = CONFIGURED.scaled(4.0)
     u, q, v = np.random.default_rng(1).normal(size=(3, 40, 2))
-    learned = learned_equilibrium(SpringChange(used, CONFIGURED), u, q, v)
+    learned = SpringChange(used, CONFIGURED).learned(u, q, v)
     exerted = Springs(used.stiffness_nm_per_rad, used.damping_nms_per_rad).effort(u, q, v)
     would = Springs(CONFIGURED.stiffness_nm_per_rad, CONFIGURED.damping_nms_per_rad)
     np.testing.assert_allclose(would.effort(learned, q, v), exerted, atol=1e-9)

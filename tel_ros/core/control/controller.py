@@ -12,7 +12,6 @@ from tel_ros.core.control.holding import Hold, RestDetector
 from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.tracking import Approach, Limits, Target, TrialCourse
 from tel_ros.core.errors import EffortError, TrajectoryError
-from tel_ros.core.safety.gate import StateAge
 from tel_ros.core.safety.layer import Permitted, SafetyLayer
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
@@ -28,10 +27,7 @@ class EpController:
     and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
     it may run slower or faster than the wall clock.
 
-    Args:
-        arm: joints, springs and limits; its empty limits must have been filled from the URDF.
-        control: path tolerance, settling and time-outs.
-        safety: numbers of the safety layer, and the effort after a final stop; None: the defaults.
+    The empty limits of the arm must have been filled from the URDF.
     """
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig | None = None) -> None:
@@ -44,13 +40,15 @@ class EpController:
         self._set_point = SetPointGuard(arm, control.state_timeout_s) if position else None
         # A position drive cannot release an arm: it holds its last set point.
         self._releases = safety.final_effort == "zero" and not position
-        self._control, self._age = control, StateAge(control.state_timeout_s)
+        self._control = control
+        self._state_timeout_ns = round(control.state_timeout_s * NS_PER_S)
         self._settle_timeout_ns = round(control.settle_timeout_s * NS_PER_S)
-        self.phase = Phase.IDLE
+        self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
+        self._enter(Phase.IDLE, 0)
         self.report: TrialReport | None = None
         """Of the trial that has just ended; None while one is under way."""
         self._trial: TrialCourse | None = None  # the last one, also when it has ended
-        self._phase_ns = self._last_ns = 0
+        self._last_ns = 0
         self._equilibrium: FloatArray | None = None
         self._velocity = np.zeros(len(arm.joints))
         self._approach: Approach | None = None
@@ -60,8 +58,6 @@ class EpController:
         """By the springs in this tick; None: they tell nothing of a load."""
         self.stopped_for: str | None = None
         """Why no trial may start until :meth:`reset_stop`; None: one may."""
-        self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
-        self._still = False
 
     @property
     def commands(self) -> SafetyLayer | SetPointGuard:
@@ -76,7 +72,7 @@ class EpController:
     @property
     def goal(self) -> TrialGoal | None:
         """Of the trial that is under way."""
-        return self._trial.goal if self._trial is not None and self.report is None else None
+        return self._trial.goal if self._trial and self.active else None
 
     @property
     def braking(self) -> bool:
@@ -255,32 +251,33 @@ class EpController:
         """Abort if a state is too old or time jumped."""
         if self._releasing:
             return
-        old = self._age.too_old(state.age_s)
-        if old is not None:
-            self._stop(Outcome.ABORTED, old)
-        jump = self._age.jump(state.time_ns - self._last_ns)
-        if jump is not None:
-            self._stop(Outcome.ABORTED, jump)
-            # On the clock that counts from now on, which says when the arm has had its time to come to rest.
-            self._begin_stop(state.time_ns)
+        step_ns, timeout_s = state.time_ns - self._last_ns, self._control.state_timeout_s
+        if state.age_s > timeout_s:
+            late = f"the joint states come {state.age_s:.3f} s late (time-out {timeout_s} s)"
+            self._stop(Outcome.ABORTED, late)
+        if 0 < step_ns <= self._state_timeout_ns:
+            return
+        jump = f"no joint state for {step_ns / NS_PER_S:.3f} s (time-out {timeout_s} s)"
+        if step_ns <= 0:
+            jump = f"the stamps of the joint states went back by {-step_ns / NS_PER_S:.3f} s"
+        self._stop(Outcome.ABORTED, jump)
+        # On the clock that counts from now on, which says when the arm has had its time to come to rest.
+        self._begin_stop(state.time_ns)
 
     def _begin_approach(self, goal: TrialGoal, state: ArmState) -> None:
         # Springs stay until another trial brings its own: they brake and hold the arm, too.
         held, self._springs = self._springs, goal.springs or self._configured
-        if self._equilibrium is None:
-            start = state.position_rad
-        else:
+        start = state.position_rad
+        if self._equilibrium is not None:
             # Other springs go on with the effort that the ones before exert now.
-            q, v = state.position_rad, state.velocity_rad_s
-            start = self._springs.equilibrium_for(held, self._equilibrium, q, v)
+            start = self._springs.equilibrium_for(held, self._equilibrium, start, state.velocity_rad_s)
         self._approach = Approach(start, goal.equilibrium_rad[0], self._control.approach_speed_rad_s)
         self._way_back = self.limits.reaching(state.position_rad)
         self._phase_ns = state.time_ns
 
     def _enter(self, phase: Phase, time_ns: int) -> None:
-        self.phase, self._phase_ns = phase, time_ns
-        self._rest = RestDetector(self._control.settle_speed_rad_s, self._control.settle_time_s)
-        self._still = False
+        self.phase, self._phase_ns, self._still = phase, time_ns, False
+        self._rest.reset()
 
     def _advance(self, trial: TrialCourse, state: ArmState) -> None:
         """Go on to the next phase when it is time."""
@@ -311,9 +308,9 @@ class EpController:
         if self.phase == Phase.RUN:
             return trial.points.at(state.time_ns - trial.run_ns)
         if self.phase == Phase.HOLD:
-            return trial.points.last()
+            return trial.points.last
         if self.phase == Phase.SETTLE:
-            return trial.points.first()
+            return trial.points.first
         assert self._approach is not None
         return Target.at_rest(self._approach.at(state.time_ns - self._phase_ns))
 

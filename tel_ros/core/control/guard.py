@@ -19,9 +19,7 @@ class AwakeClock:
     A process that waits for a message cannot tell whether the sender is gone or it stood still itself (or the
     whole machine) with the message waiting outside. So a gap between two looks counts as one step at most.
 
-    Args:
-        longest_step_s: how much the clock may advance from one look to the next.
-        now_s: of a clock that only runs forward.
+    Times are those of a clock that only runs forward.
     """
 
     def __init__(self, longest_step_s: float, now_s: float) -> None:
@@ -30,7 +28,7 @@ class AwakeClock:
         """Time spent awake."""
 
     def look(self, now_s: float) -> float:
-        """Return the time spent awake; ``now_s`` is of the same clock as before."""
+        """Return the time spent awake."""
         self.time_s += min(max(now_s - self._looked_at_s, 0.0), self._longest_step_s)
         self._looked_at_s = now_s
         return self.time_s
@@ -45,12 +43,8 @@ class CommandGuard:
     release it (``safety.final_effort``). It yields to the first command that it hears. A command that is not
     finite or has another length counts as none.
 
-    While it listens it learns from commands and states which effort holds the arm at rest.
-
-    Args:
-        arm: joints, springs and limits; its empty limits must have been filled from the URDF.
-        control: rate, and what counts as rest.
-        safety: the time-out, the layer's numbers and the final effort.
+    While it listens it learns from commands and states which effort holds the arm at rest. The arm's empty
+    limits must have been filled from the URDF.
 
     Raises:
         ConfigError: a value does not fit the arm.
@@ -65,7 +59,7 @@ class CommandGuard:
         self.safety = SafetyLayer(arm, safety, control.rate_hz)
         """What every effort of the guard goes through."""
         self._hold = Hold()
-        self._rest = self._new_rest_detector()
+        self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
         self._heard_nm: FloatArray | None = None
         self._heard_at_s = 0.0
         self._last_ns: int | None = None
@@ -88,15 +82,14 @@ class CommandGuard:
             self.active = False
 
     def on_state(self, state: ArmState, now_s: float) -> FloatArray | None:
-        """Take in a measured state; one with the stamp of the last one is passed over.
+        """Take in a measured state and return the effort to command in N·m; None: nothing is to be commanded.
 
-        Returns:
-            The effort in N·m to command, shape (n_joints,); None: nothing is to be commanded.
+        A state with the stamp of the last one is passed over.
         """
-        if self._last_ns is not None and state.time_ns == self._last_ns:
-            return None
-        if self._last_ns is not None and state.time_ns < self._last_ns:
-            self._rest = self._new_rest_detector()
+        if self._last_ns is not None and state.time_ns <= self._last_ns:
+            if state.time_ns == self._last_ns:
+                return None
+            self._rest.reset()
             if self.active:
                 self._take_over(state)
         self._last_ns = state.time_ns
@@ -117,7 +110,7 @@ class CommandGuard:
 
     def _take_over(self, state: ArmState) -> None:
         self._hold.begin()
-        self._rest = self._new_rest_detector()
+        self._rest.reset()
         self._since_ns = state.time_ns
         self.active, self._releasing, self._rested = True, False, False
         self.safety.none()
@@ -135,6 +128,3 @@ class CommandGuard:
             return self.safety.permit(state, wanted).effort_nm
         except EffortError:
             return self.safety.none().effort_nm
-
-    def _new_rest_detector(self) -> RestDetector:
-        return RestDetector(self._control.settle_speed_rad_s, self._control.settle_time_s)

@@ -1,4 +1,7 @@
-"""Bringing an arm to rest and holding it: is it at rest, what load do the springs bear, how do they brake."""
+"""Bringing an arm to rest and holding it: is it at rest, what load do the springs bear, how do they brake.
+
+Arrays have the shape (n_joints,).
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,8 @@ class RestDetector:
     """Says when no joint has moved for a while.
 
     It looks at positions over the whole window instead of at the measured velocity, which a coarse encoder
-    or noise can keep above any sensible threshold although the arm stands still.
-
-    Args:
-        speed_rad_s: mean speed over the window below which a joint counts as at rest.
-        window_s: length of the window.
+    or noise can keep above any sensible threshold although the arm stands still. A joint is at rest if its
+    mean speed over the window is below ``speed_rad_s``.
     """
 
     def __init__(self, speed_rad_s: float, window_s: float) -> None:
@@ -28,8 +28,12 @@ class RestDetector:
         self._since_ns = 0
         self._reference_rad: list[float] | None = None
 
+    def reset(self) -> None:
+        """Begin a new window."""
+        self._reference_rad = None
+
     def at_rest(self, time_ns: int, position_rad: FloatArray) -> bool:
-        """Take in a measured position, shape (n_joints,), and return whether the arm is at rest by now."""
+        """Take in a measured position and return whether the arm is at rest by now."""
         positions, reference, most = position_rad.tolist(), self._reference_rad, self._distance_rad
         # In the control loop: so few numbers are compared faster one by one than as arrays.
         if (
@@ -53,21 +57,17 @@ class HoldingLoad:
         self._smooth_nm: list[float] | None = None
         self._last_ns = 0
         self.effort_nm: FloatArray | None = None
-        """Shape (n_joints,); None: it has not been at rest under these springs."""
+        """None: it has not been at rest under these springs."""
 
     def add(self, time_ns: int, effort_nm: FloatArray) -> None:
-        """Take in one effort, shape (n_joints,)."""
-        step_s = (time_ns - self._last_ns) / NS_PER_S
-        efforts = effort_nm.tolist()
-        if self._smooth_nm is None or step_s <= 0.0:
+        """Take in one effort."""
+        step_s, self._last_ns = (time_ns - self._last_ns) / NS_PER_S, time_ns
+        efforts, before = effort_nm.tolist(), self._smooth_nm
+        if before is None or step_s <= 0.0:
             self._smooth_nm = efforts
         else:
             share = -math.expm1(-step_s / self.SMOOTHING_S)
-            self._smooth_nm = [
-                smooth + share * (effort - smooth)
-                for smooth, effort in zip(self._smooth_nm, efforts, strict=True)
-            ]
-        self._last_ns = time_ns
+            self._smooth_nm = [old + share * (new - old) for old, new in zip(before, efforts, strict=True)]
 
     def keep(self) -> None:
         """Remember the present effort: the arm is at rest."""
@@ -80,7 +80,7 @@ class HoldingLoad:
             self.effort_nm = None
 
     def deflection_rad(self, stiffness_nm_per_rad: FloatArray) -> FloatArray | None:
-        """Return how far the load deflects springs; None: unknown. Zeros without load. Shape (n_joints,)."""
+        """Return how far the load deflects springs; None: unknown. Zeros without load."""
         if self.effort_nm is None:
             return None
         deflection: FloatArray = self.effort_nm / stiffness_nm_per_rad
@@ -106,8 +106,8 @@ class SpringBrake:
     the load is unknown, what is kept counts as load from then on.
 
     Args:
-        position_rad: where to latch. Shape (n_joints,).
-        load_rad: deflection that holds the arm; all 0: it bears no weight; None: unknown. Shape (n_joints,).
+        position_rad: where to latch.
+        load_rad: deflection that holds the arm; all 0: it bears no weight; None: unknown.
     """
 
     MOVING_RAD_S = 0.05
@@ -120,18 +120,15 @@ class SpringBrake:
         self.latch(position_rad)
 
     def latch(self, position_rad: FloatArray) -> None:
-        """Begin anew from a position, with what is known of the load. Shape (n_joints,)."""
+        """Begin anew from a position, with what is known of the load."""
         self._equilibrium_rad = position_rad + self._load_rad
         self._direction = np.zeros_like(position_rad)
 
     def equilibrium(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, at_rest: bool = False
     ) -> FloatArray:
-        """Return the equilibrium points for a measured state. Shapes (n_joints,).
-
-        At rest the springs stay as they are: following sensor noise would let the arm creep.
-        """
-        if at_rest:
+        """Return the equilibrium points for a measured state."""
+        if at_rest:  # following sensor noise would let the arm creep
             return self._equilibrium_rad
         beyond = self._equilibrium_rad - self._load_rad - position_rad
         if self._one_way:
@@ -173,10 +170,7 @@ class Hold:
         self._brake = None
 
     def equilibrium(self, state: ArmState, springs: Springs, at_rest: bool, late: bool = False) -> FloatArray:
-        """Return the equilibrium points that brake the arm. Shape (n_joints,).
-
-        ``late``: less than half of the effort will act.
-        """
+        """Return the equilibrium points that brake the arm; ``late``: less than half of the effort acts."""
         if not late:
             self._late_since_ns = None
         else:

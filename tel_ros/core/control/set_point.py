@@ -25,11 +25,9 @@ class SetPointGuard:
       that it is;
     - moves no faster than ``arm.set_point_speed_rad_s``, in arm time.
 
-    Where they disagree, the later one holds: an arm that is pushed away is followed in time.
-
-    Args:
-        arm: springs and limits; its empty limits must have been filled from the URDF.
-        longest_gap_s: a longer time between two states does not allow a longer way.
+    Where they disagree, the later one holds: an arm that is pushed away is followed in time. A longer time
+    between two states than ``longest_gap_s`` does not allow a longer way. The empty limits of the arm must
+    have been filled from the URDF.
     """
 
     def __init__(self, arm: ArmConfig, longest_gap_s: float) -> None:
@@ -42,44 +40,32 @@ class SetPointGuard:
         most = (self._effort_limit + self._damping * self._velocity_limit) / self._stiffness
         self._lowest = np.array(arm.position_min_rad) - most
         self._highest = np.array(arm.position_max_rad) + most
-        self._sent: FloatArray | None = None
-        self._sent_ns = 0
-
-    @property
-    def last_command(self) -> FloatArray | None:
+        self.last_command: FloatArray | None = None
         """The set point that was sent last; None: none so far. Shape (n_joints,)."""
-        return self._sent
+        self._sent_ns = 0
 
     def answer(
         self, permitted: Permitted, equilibrium_rad: FloatArray, springs: Springs, state: ArmState
     ) -> tuple[FloatArray, BoolArray]:
         """Return :meth:`follow` for the set point at which the drive exerts what is permitted."""
-        asked_rad = np.where(
-            permitted.changed,
-            springs.equilibrium(permitted.effort_nm, state.position_rad, state.velocity_rad_s),
-            equilibrium_rad,
-        )
-        return self.follow(asked_rad, state)
+        allowed_rad = springs.equilibrium(permitted.effort_nm, state.position_rad, state.velocity_rad_s)
+        return self.follow(np.where(permitted.changed, allowed_rad, equilibrium_rad), state)
 
     def follow(self, asked_rad: FloatArray, state: ArmState) -> tuple[FloatArray, BoolArray]:
         """Return the set point to send, and for each joint whether it differs from the one asked for.
 
-        The very first one is sent as if the drive held the arm where it is.
-
-        Args:
-            asked_rad: equilibrium points; one that is not finite is not followed. Shape (n_joints,).
-            state: the state that is answered.
+        The first one is sent as if the drive held the arm where it is; what is not finite is not followed.
         """
-        q = state.position_rad
-        last = q if self._sent is None else self._sent
-        gap_ns = 0 if self._sent is None else min(max(state.time_ns - self._sent_ns, 0), self._longest_gap_ns)
+        q, gap_ns = state.position_rad, 0
+        last = q if self.last_command is None else self.last_command
+        if self.last_command is not None:
+            gap_ns = min(max(state.time_ns - self._sent_ns, 0), self._longest_gap_ns)
         damping = self._damping * np.clip(state.velocity_rad_s, -self._velocity_limit, self._velocity_limit)
         low = q + (np.minimum(damping, 0.0) - self._effort_limit) / self._stiffness
         high = q + (np.maximum(damping, 0.0) + self._effort_limit) / self._stiffness
         step = self._speed * (gap_ns / NS_PER_S)
-
         wanted = np.where(np.isfinite(asked_rad), asked_rad, last)
         wanted = np.clip(np.clip(wanted, low, high), self._lowest, self._highest)
         sent = np.clip(wanted, last - step, last + step)
-        self._sent, self._sent_ns = sent, state.time_ns
+        self.last_command, self._sent_ns = sent, state.time_ns
         return sent, sent != asked_rad

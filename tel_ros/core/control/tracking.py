@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.trajectory import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
-from tel_ros.core.trial import Outcome, TrialGoal, TrialReport, require_joint_count
+from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 _WAY_BACK_MARGIN_RAD = 0.02
@@ -38,68 +39,45 @@ class GoalPoints:
 
     def __init__(self, goal: TrialGoal) -> None:
         desired = goal.desired
-        self._rows = (
-            desired.position_rad,
-            desired.velocity_rad_s,
-            desired.acceleration_rad_s2,
-            goal.equilibrium_rad,
-        )
+        y, velocity, acceleration = desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2
+        self._rows = (y, velocity, acceleration, goal.equilibrium_rad)
+        self.first, self.last = (Target(*(row[k] for row in self._rows)) for k in (0, -1))
         self._times_ns: list[int] = desired.time_ns.tolist()
         self._point = 0
         self.end_ns = self._times_ns[-1]
 
-    def first(self) -> Target:
-        """Return the start."""
-        return self._at(0, 0.0)
-
-    def last(self) -> Target:
-        """Return the end."""
-        return self._at(len(self._times_ns) - 1, 0.0)
-
     def at(self, time_ns: int) -> Target:
-        """Return the target at a time from the start, which must not go back from call to call."""
+        """Return the target at a time from the start, which must not go back: linear between two points."""
         times = self._times_ns
         k, last = self._point, len(times) - 1
         while k < last and times[k + 1] <= time_ns:
             k += 1
         self._point = k
         if k == last:
-            return self.last()
-        return self._at(k, float(time_ns - times[k]) / float(times[k + 1] - times[k]))
-
-    def _at(self, k: int, share: float) -> Target:
-        """Return the target at point k, or by linear interpolation between k and k + 1."""
+            return self.last
+        share = float(time_ns - times[k]) / float(times[k + 1] - times[k])
         if share == 0.0:
             return Target(*(row[k] for row in self._rows))
         return Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in self._rows))
 
 
-@dataclass(frozen=True)
 class Approach:
     """The way of the equilibrium points to the start posture, with minimum jerk.
 
-    Args:
-        start_rad: where they are. Shape (n_joints,).
-        end_rad: where they go. Shape (n_joints,).
-        speed_rad_s: of the joint with the longest way, at most.
+    ``speed_rad_s`` is the peak speed of the joint with the longest way. Shapes (n_joints,).
     """
 
     SHORTEST_S = 0.5
 
-    start_rad: FloatArray
-    end_rad: FloatArray
-    speed_rad_s: float
-
-    @cached_property
-    def duration_ns(self) -> float:
-        """How long it takes."""
-        distance_rad = float(np.abs(self.end_rad - self.start_rad).max())
-        return max(MINIMUM_JERK_PEAK_SPEED * distance_rad / self.speed_rad_s, self.SHORTEST_S) * NS_PER_S
+    def __init__(self, start_rad: FloatArray, end_rad: FloatArray, speed_rad_s: float) -> None:
+        self._start_rad, self._way_rad = start_rad, end_rad - start_rad
+        longest_s = MINIMUM_JERK_PEAK_SPEED * float(np.abs(self._way_rad).max()) / speed_rad_s
+        self.duration_ns = max(longest_s, self.SHORTEST_S) * NS_PER_S
 
     def at(self, time_ns: int) -> FloatArray:
-        """Return the equilibrium points at a time from the start. Shape (n_joints,)."""
+        """Return the equilibrium points at a time from the start."""
         s = minimum_jerk(np.array([time_ns / self.duration_ns]))[0][0]
-        equilibrium_rad: FloatArray = self.start_rad + s * (self.end_rad - self.start_rad)
+        equilibrium_rad: FloatArray = self._start_rad + s * self._way_rad
         return equilibrium_rad
 
 
@@ -119,10 +97,8 @@ class Limits:
     @classmethod
     def of(cls, arm: ArmConfig, path_tolerance_rad: float) -> Limits:
         """Return the limits of a configured arm whose empty fields have been filled from its URDF."""
-        low, high, fastest = map(
-            np.array, (arm.position_min_rad, arm.position_max_rad, arm.velocity_limit_rad_s)
-        )
-        return cls(arm.joints, low, high, fastest, path_tolerance_rad)
+        low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
+        return cls(arm.joints, low, high, np.array(arm.velocity_limit_rad_s), path_tolerance_rad)
 
     def reaching(self, position_rad: FloatArray) -> Limits:
         """Return limits whose range includes where the arm is, so that it may come back from outside."""
@@ -139,8 +115,9 @@ class Limits:
             TrajectoryError: wrong number of joints, desired positions or velocities outside the limits,
                 or a desired trajectory that does not start and end at rest.
         """
-        require_joint_count(goal, len(self.joints))
-        desired = goal.desired
+        desired, n_joints = goal.desired, len(self.joints)
+        if desired.n_joints != n_joints:
+            raise TrajectoryError(f"the goal has {desired.n_joints} joints; expected {n_joints}")
         for values, low, high, unit in (
             (desired.position_rad, self.position_min_rad, self.position_max_rad, "rad"),
             (desired.velocity_rad_s, -self.velocity_rad_s, self.velocity_rad_s, "rad/s"),
@@ -161,7 +138,15 @@ class Limits:
 
     def violation(self, state: ArmState, desired_rad: FloatArray) -> str | None:
         """Return what is wrong with a measured state in words, or None if it is inside all limits."""
-        if self._is_inside(state, desired_rad):
+        positions, velocities = state.position_rad.tolist(), state.velocity_rad_s.tolist()
+        far = self.path_tolerance_rad
+        # In the control loop: so few numbers are compared faster one by one.
+        for (low, high, fastest), q, v, wanted in zip(
+            self._by_joint, positions, velocities, desired_rad.tolist(), strict=True
+        ):
+            if not (low <= q <= high and -far <= q - wanted <= far and -fastest <= v <= fastest):
+                break
+        else:
             return None
         error = np.abs(state.position_rad - desired_rad)
         speed = np.abs(state.velocity_rad_s)
@@ -173,34 +158,17 @@ class Limits:
             )
         j = int(np.argmax(speed / self.velocity_rad_s))
         if speed[j] > self.velocity_rad_s[j]:
-            return (
-                f"{self.joints[j]} moves at {state.velocity_rad_s[j]:.2f} rad/s "
-                f"(limit {self.velocity_rad_s[j]:.2f} rad/s)"
-            )
-        beyond = np.maximum(
-            self.position_min_rad - state.position_rad, state.position_rad - self.position_max_rad
-        )
-        j = int(np.argmax(beyond))
-        return (
-            f"{self.joints[j]} is at {state.position_rad[j]:.3f} rad "
-            f"(limits {self.position_min_rad[j]:.3f} to {self.position_max_rad[j]:.3f} rad)"
-        )
+            limit = f"limit {self.velocity_rad_s[j]:.2f} rad/s"
+            return f"{self.joints[j]} moves at {state.velocity_rad_s[j]:.2f} rad/s ({limit})"
+        position, lowest, highest = state.position_rad, self.position_min_rad, self.position_max_rad
+        j = int(np.argmax(np.maximum(lowest - position, position - highest)))
+        limits = f"limits {lowest[j]:.3f} to {highest[j]:.3f} rad"
+        return f"{self.joints[j]} is at {position[j]:.3f} rad ({limits})"
 
     @cached_property
     def _by_joint(self) -> list[tuple[float, float, float]]:
         arrays = (self.position_min_rad, self.position_max_rad, self.velocity_rad_s)
         return list(zip(*(array.tolist() for array in arrays), strict=True))
-
-    def _is_inside(self, state: ArmState, desired_rad: FloatArray) -> bool:
-        """Return whether all is well. In the control loop: so few numbers are compared faster one by one."""
-        far = self.path_tolerance_rad
-        positions, velocities = state.position_rad.tolist(), state.velocity_rad_s.tolist()
-        for (low, high, fastest), q, v, wanted in zip(
-            self._by_joint, positions, velocities, desired_rad.tolist(), strict=True
-        ):
-            if not (low <= q <= high and -far <= q - wanted <= far and -fastest <= v <= fastest):
-                return False
-        return True
 
 
 class TrackingScore:
@@ -224,31 +192,21 @@ class TrackingScore:
         self._saturated += any(saturated.tolist())
 
     @property
-    def max_effort_nm(self) -> FloatArray:
-        """Largest effort of each joint so far, 0 before the first tick. Shape (n_joints,)."""
-        return np.array(self._largest_nm)
-
-    @property
-    def rms_error_per_joint_rad(self) -> FloatArray:
-        """Root mean square error of each joint. Shape (n_joints,)."""
-        if self.ticks == 0:
-            return np.full(len(self._squares), np.nan)
-        return np.sqrt(np.array(self._squares) / self.ticks)
-
-    @property
-    def rms_error_rad(self) -> float:
-        """Root mean square error over all joints and ticks."""
-        return float(np.sqrt(np.mean(self.rms_error_per_joint_rad**2)))
-
-    @property
     def max_error_rad(self) -> float:
         """Largest deviation of any joint."""
-        return max(self._largest_rad) if self.ticks else float("nan")
+        return max(self._largest_rad) if self.ticks else math.nan
 
-    @property
-    def saturated_ratio(self) -> float:
-        """Share of the ticks in which the effort of some joint had to be changed."""
-        return self._saturated / self.ticks if self.ticks else float("nan")
+    def figures(self) -> dict[str, Any]:
+        """Return all of it under the names that a report has for it."""
+        squares, n = np.array(self._squares), self.ticks
+        per_joint_rad = np.sqrt(squares / n) if n else np.full(len(squares), np.nan)
+        return {
+            "rms_error_rad": float(np.sqrt(np.mean(per_joint_rad**2))),
+            "rms_error_per_joint_rad": per_joint_rad,
+            "max_error_rad": self.max_error_rad,
+            "max_effort_nm": np.array(self._largest_nm),
+            "saturated_ratio": self._saturated / n if n else math.nan,
+        }
 
 
 class TrialCourse:
@@ -273,9 +231,5 @@ class TrialCourse:
             run_ns=self.run_ns,
             end_ns=end_ns,
             ticks=self.ticks,
-            rms_error_rad=self.score.rms_error_rad,
-            rms_error_per_joint_rad=self.score.rms_error_per_joint_rad,
-            max_error_rad=self.score.max_error_rad,
-            max_effort_nm=self.score.max_effort_nm,
-            saturated_ratio=self.score.saturated_ratio,
+            **self.score.figures(),
         )

@@ -20,7 +20,6 @@ from tel_ros.core.learning.noise import (
     sensor_noise,
     slides_throughout,
 )
-from tel_ros.core.springs import learned_equilibrium
 from tel_ros.core.trial import Phase, Trial
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
@@ -58,8 +57,9 @@ def learning_record(trial: Trial) -> TrialSignals:
     """
     time_ns, phase = trial.time_ns, trial.phase
     rows = np.isin(phase, (Phase.SETTLE, Phase.RUN, Phase.HOLD))
-    motion = (trial.position_rad, trial.velocity_rad_s)
-    equilibrium_rad = learned_equilibrium(trial.springs, trial.equilibrium_rad, *motion).copy()
+    equilibrium_rad = trial.equilibrium_rad.copy()
+    if trial.springs is not None:
+        equilibrium_rad = trial.springs.learned(equilibrium_rad, trial.position_rad, trial.velocity_rad_s)
     if rows.any():
         last = int(np.flatnonzero(rows)[-1])
         step_ns = np.diff(time_ns[last:])

@@ -127,44 +127,13 @@ class StateGate:
         self._newest_ns = stamp_ns
 
 
-class StateAge:
-    """Tells admitted states that do not continue a movement: after a gap, or too old.
-
-    Args:
-        timeout_s: longest time from one state to the next, and largest age.
-    """
-
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
-        self._timeout_ns = round(timeout_s * NS_PER_S)
-
-    def jump(self, step_ns: int) -> str | None:
-        """Return what is wrong with the time since the last state, or None."""
-        if step_ns <= 0:
-            return f"the stamps of the joint states went back by {-step_ns / NS_PER_S:.3f} s"
-        if step_ns > self._timeout_ns:
-            return f"no joint state for {step_ns / NS_PER_S:.3f} s (time-out {self._timeout_s} s)"
-        return None
-
-    def too_old(self, age_s: float) -> str | None:
-        """Return what is wrong with a state that is so late, or None."""
-        if age_s > self._timeout_s:
-            return f"the joint states come {age_s:.3f} s late (time-out {self._timeout_s} s)"
-        return None
-
-
 class Plausibility:
     """Refuses states in which a joint is many times faster than it may be, or has jumped.
 
     Such a number comes from a broken message or a sensor that slipped. A damper that answers it kicks with
     all the effort that there is, before anything else can notice: it brakes a speed that is not there. Where
     such states go on, that ends in a loss of the states. A position that stays elsewhere is believed once no
-    other has come for the time-out.
-
-    Args:
-        joints: names.
-        velocity_limit_rad_s: shape (n_joints,); may be infinite.
-        timeout_ns: longest time without a new state.
+    other has come for the time-out. Velocity limits may be infinite.
     """
 
     def __init__(self, joints: Sequence[str], velocity_limit_rad_s: FloatArray, timeout_ns: int) -> None:
@@ -271,10 +240,7 @@ class MissingVelocities:
     A joint whose velocity is NaN reports none (the stock ``joint_state_broadcaster`` does so). A joint that
     has reported its velocity once is never estimated again: NaN is a fault there, and handed on as such.
 
-    Args:
-        n_joints: number of joints.
-        cutoff_hz: corner frequency f of the low-pass.
-        max_gap_s: positions further apart than this do not belong to one movement.
+    Positions that are further apart than ``max_gap_s`` do not belong to one movement.
     """
 
     def __init__(self, n_joints: int, *, cutoff_hz: float, max_gap_s: float) -> None:

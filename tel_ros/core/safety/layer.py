@@ -44,7 +44,7 @@ class SafetyLayer:
         arm: joints, springs and limits; its empty limits must have been filled from the URDF.
         safety: the rules' numbers; what is empty is derived from the arm.
         rate_hz: of states and commands.
-        own_rules: more rules; they win over all but the effort limit and the rule about late states.
+        own_rules: win over all but the effort limit and the rule about late states.
 
     Raises:
         ConfigError: a value does not fit the arm.
@@ -103,7 +103,9 @@ class SafetyLayer:
         gap = self._last_ns is not None and not 0 < state.time_ns - self._last_ns <= LONGEST_GAP_S * NS_PER_S
         if gap or self.response.fault:
             self.none()
-        if self._last_ns is None or (self.soft_limits.lead and self._motors_wait(state)):
+        # While what is permitted hardly reaches the arm (late states, or a driver that refuses) it waits.
+        waits = self.soft_limits.lead and (self.is_late(state) or self.response.is_overdue(state.time_ns))
+        if self._last_ns is None or waits:
             self.soft_limits.find(state.time_ns, state.position_rad)
         last, effort_nm = self._last(state.time_ns), wanted_nm
         for rule in self.rules:
@@ -153,10 +155,6 @@ class SafetyLayer:
             and self._quiet.has(state, wanted_nm, self.last_nm, state.time_ns - last_ns)
         )
 
-    def _motors_wait(self, state: ArmState) -> bool:
-        """Return whether what is permitted hardly reaches the arm: late states, or a driver that refuses."""
-        return self.is_late(state) or self.response.is_overdue(state.time_ns)
-
     def _require_finite(self, effort_nm: FloatArray) -> None:
         if effort_nm.shape != (self._n_joints,) or not np.isfinite(effort_nm).all():
             self.none()
@@ -174,12 +172,8 @@ class DriveResponse:
     winds up, until it is seen to answer or another trial is begun.
 
     A joint is judged once it has answered :attr:`ANSWERS_TO_BE_KNOWN` strong commands in a row, because some
-    arms report no efforts. Shares are of the effort limit, and of a command for an answer.
-
-    Args:
-        joints: names.
-        limit_nm: effort limits.
-        watched: False: no fault is ever found.
+    arms report no efforts. Shares are of the effort limit, and of a command for an answer. If it is not
+    ``watched``, no fault is ever found.
     """
 
     STRONG_SHARE = 0.1

@@ -60,7 +60,7 @@ class WallGains:
 
 
 def top_speed(arm: ArmConfig, safety: SafetyConfig) -> FloatArray:
-    """Return the speed that no effort may exceed, in rad/s: above the one at which a trial is aborted.
+    """Return the speed that no effort may exceed: above the one at which a trial is aborted.
 
     A joint that moves at nearly that speed still needs effort against gravity and friction.
     """
@@ -85,24 +85,21 @@ class SoftLimits:
     end of its range, it would act at once with all that it is compressed by: up to 300 N·m on a joint of
     the simulated iiwa, which was thrown inside with 2.6 rad/s. So a limit acts where the joint is found, and
     takes it along from there; while the motors do not act it waits for the joint (:meth:`find` again).
-
-    Args:
-        low_rad: may be infinite, as all limits. Shape (n_joints,), as all of these.
-        high_rad: above ``low_rad``.
-        reach_rad: distance from which on the wall slows a joint, whatever its speed within the limit.
-        leading_rad_s: speed at which a limit goes back to its place.
+    Limits may be infinite. Shapes (n_joints,).
     """
 
     low_rad: FloatArray
     high_rad: FloatArray
     reach_rad: FloatArray
+    """Distance from which on the wall slows a joint, whatever its speed within the limit."""
     leading_rad_s: FloatArray
+    """Speed at which a limit goes back to its place."""
     _shift_rad: FloatArray | None = field(default=None, init=False)
     _since_ns: int = field(default=0, init=False)
 
     @classmethod
     def of(cls, arm: ArmConfig, safety: SafetyConfig) -> SoftLimits:
-        """Return the soft limits of a configured arm whose empty fields have been filled from its URDF."""
+        """Return the soft limits of an arm whose empty fields have been filled from its URDF."""
         reach_rad = top_speed(arm, safety) / WallGains.of(arm, safety).k_position_per_s
         leading_rad_s = LEADING_SHARE * np.array(arm.velocity_limit_rad_s)
         return cls(*soft_range(arm, safety), reach_rad, leading_rad_s)
@@ -139,20 +136,17 @@ class BrakingDistance(SafetyRule):
 
     The default of a takes the springs' word for the inertia: K and B damp an inertia I with the ratio
     ζ = B / (2 √(K I)), and with ζ of at least 0.3 it is I = B² / (0.36 K) at most.
-
-    Args:
-        limits: the soft limits.
-        creep_rad_s: speed that is always allowed. Shape (n_joints,), as all of these.
-        deceleration_rad_s2: a, above 0.
-        gain_nms_per_rad: effort against each rad/s that a joint is too fast, above 0.
-        effort_limit_nm: what there is to brake with.
     """
 
     limits: SoftLimits
     creep_rad_s: FloatArray
+    """Speed that is always allowed."""
     deceleration_rad_s2: FloatArray
+    """a."""
     gain_nms_per_rad: FloatArray
+    """Effort against each rad/s that a joint is too fast."""
     effort_limit_nm: FloatArray
+    """What there is to brake with."""
 
     @classmethod
     def of(cls, arm: ArmConfig, safety: SafetyConfig, limits: SoftLimits) -> BrakingDistance:
@@ -216,15 +210,11 @@ class MotionLimits(SafetyRule):
 
     Sources: wiki.ros.org/pr2_controller_manager/safety_limits; urdf::JointSafety;
     joint_limits/src/joint_soft_limiter.cpp of ros2_control.
-
-    Args:
-        limits: the soft limits.
-        velocity_rad_s: v_limit. Shape (n_joints,).
-        gains: above 0.
     """
 
     limits: SoftLimits
     velocity_rad_s: FloatArray
+    """v_limit."""
     gains: WallGains
 
     @classmethod

@@ -64,28 +64,24 @@ class QuietBounds:
     """Bounds within which a rule never objects; it may or may not object outside.
 
     Without arguments: the rule never objects.
-
-    Args:
-        low_rad: least position.
-        high_rad: largest position.
-        speed_rad_s: largest abs(v).
-        effort_nm: largest abs(τ).
-        step_nm: largest abs(τ − τ_last).
-        damping_nms_per_rad: k.
-        damped_nm: largest abs(τ + k v).
-        since_s: least time since the last effort.
-        delay_s: largest :func:`delay_s`.
     """
 
     low_rad: Bound = -math.inf
     high_rad: Bound = math.inf
     speed_rad_s: Bound = math.inf
+    """Largest abs(v)."""
     effort_nm: Bound = math.inf
+    """Largest abs(τ)."""
     step_nm: Bound = math.inf
+    """Largest abs(τ − τ_last)."""
     damping_nms_per_rad: FloatArray | None = None
+    """k."""
     damped_nm: Bound = math.inf
+    """Largest abs(τ + k v)."""
     since_s: float = 0.0
+    """Least time since the last effort."""
     delay_s: float = math.inf
+    """Largest :func:`delay_s`."""
 
     def __and__(self, other: QuietBounds) -> QuietBounds:
         """Return bounds within which neither of two rules objects."""
@@ -179,11 +175,7 @@ class EffortRate(SafetyRule):
     A jump of the effort shakes an arm and strains its gears; so does one from a full push to a full pull. But
     a release is never held up: a limiter that went on pushing would delay every stop. Between the last effort
     τ and the next one there are at most rate · Δt, counted from zero where the sign changes:
-    min(τ, 0) − rate Δt … max(τ, 0) + rate Δt, with Δt of two periods at most.
-
-    Args:
-        rate_nm_per_s: above 0. Shape (n_joints,).
-        period_s: of control.
+    min(τ, 0) − rate Δt … max(τ, 0) + rate Δt, with Δt of two control periods at most.
     """
 
     FULL_SWING_S = 0.02
@@ -203,10 +195,8 @@ class EffortRate(SafetyRule):
 
     def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
         """Return what may follow the last effort."""
-        step_nm = self._step_nm(last)
-        return EffortRange(
-            np.minimum(last.effort_nm, 0.0) - step_nm, np.maximum(last.effort_nm, 0.0) + step_nm
-        )
+        effort_nm, step_nm = last.effort_nm, self._step_nm(last)
+        return EffortRange(np.minimum(effort_nm, 0.0) - step_nm, np.maximum(effort_nm, 0.0) + step_nm)
 
     def quiet(self) -> QuietBounds:
         """Return the change that half a period permits, from half a period on."""
@@ -247,9 +237,6 @@ class LateStates(SafetyRule):
     60 ms old, each well within any time-out, the springs of the ready arms drive them beyond all limits. With
     the effort reduced in proportion, what it does until the next command is at most what it does when nothing
     is late.
-
-    Args:
-        period_s: of control.
     """
 
     PUNCTUAL_S, PUNCTUAL_PERIODS = 0.010, 2.0

@@ -16,18 +16,13 @@ Derivatives = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Path:
-    """A curve in joint space.
-
-    Args:
-        name: for records and messages.
-        n_joints: number of joint angles that it gives.
-        evaluate: from s of shape (n,), 0 at the start and 1 at the end, to q [rad], dq/ds and d²q/ds²,
-            each of shape (n, n_joints).
-    """
+    """A curve in joint space."""
 
     name: str
     n_joints: int
     evaluate: Callable[[FloatArray], Derivatives]
+    """From s of shape (n,), 0 at the start and 1 at the end, to q [rad], dq/ds and d²q/ds², each of shape
+    (n, n_joints)."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +115,7 @@ def waypoint_path(name: str, waypoints_rad: FloatArray) -> Path:
     """Return a smooth path through waypoints: a cubic spline over the distance in joint space.
 
     The spline is closed smoothly if the last waypoint equals the first, otherwise its ends are natural.
-
-    Args:
-        name: for records and messages.
-        waypoints_rad: shape (n, n_joints), n >= 2, finite, no two neighbours equal.
+    Waypoints: shape (n, n_joints), n >= 2, finite, no two neighbours equal.
     """
     from scipy.interpolate import CubicSpline  # late: a second of every start-up, for this alone
 

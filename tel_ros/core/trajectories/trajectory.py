@@ -17,13 +17,7 @@ MINIMUM_JERK_PEAK_SPEED = 1.875
 
 @dataclass(frozen=True)
 class DesiredTrajectory:
-    """Joint positions, velocities and accelerations over time.
-
-    Args:
-        time_ns: times of the points, from 0, strictly increasing. Shape (n,), n >= 2.
-        position_rad: shape (n, n_joints).
-        velocity_rad_s: shape (n, n_joints).
-        acceleration_rad_s2: shape (n, n_joints).
+    """Joint positions, velocities and accelerations of shape (n, n_joints) at n >= 2 times.
 
     Raises:
         TrajectoryError: shapes disagree, a value is not finite, or time does not start at 0 and increase.
@@ -35,7 +29,18 @@ class DesiredTrajectory:
     acceleration_rad_s2: FloatArray
 
     def __post_init__(self) -> None:
-        check_times(self.time_ns)
+        time_ns = self.time_ns
+        if len(time_ns) < 2:
+            raise TrajectoryError(f"the trajectory has {len(time_ns)} points; expected at least 2")
+        if time_ns[0] != 0:
+            raise TrajectoryError(f"the trajectory starts at {time_ns[0] / NS_PER_S} s; expected 0")
+        steps = np.diff(time_ns)
+        if np.any(steps <= 0):
+            k = int(np.argmax(steps <= 0))
+            raise TrajectoryError(
+                f"time goes from {time_ns[k] / NS_PER_S} s to {time_ns[k + 1] / NS_PER_S} s "
+                f"at point {k + 1}; expected strictly increasing times"
+            )
         for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2"):
             check_points(name, getattr(self, name), (len(self.time_ns), self.n_joints))
 
@@ -55,21 +60,6 @@ class DesiredTrajectory:
         return self.time_ns / NS_PER_S
 
 
-def check_times(time_ns: IntArray) -> None:
-    """Raise :class:`TrajectoryError` unless times start at 0 and strictly increase."""
-    if len(time_ns) < 2:
-        raise TrajectoryError(f"the trajectory has {len(time_ns)} points; expected at least 2")
-    if time_ns[0] != 0:
-        raise TrajectoryError(f"the trajectory starts at {time_ns[0] / NS_PER_S} s; expected 0")
-    steps = np.diff(time_ns)
-    if np.any(steps <= 0):
-        k = int(np.argmax(steps <= 0))
-        raise TrajectoryError(
-            f"time goes from {time_ns[k] / NS_PER_S} s to {time_ns[k + 1] / NS_PER_S} s "
-            f"at point {k + 1}; expected strictly increasing times"
-        )
-
-
 def check_points(name: str, values: FloatArray, shape: tuple[int, int]) -> None:
     """Raise :class:`TrajectoryError` unless values have the shape and are finite."""
     if values.shape != shape or shape[1] == 0:
@@ -85,13 +75,8 @@ def minimum_jerk(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
     """Return the minimum-jerk time scaling s and its first two derivatives.
 
     s = 10 p³ - 15 p⁴ + 6 p⁵ goes from rest at 0 to rest at 1 (Flash and Hogan 1985; the paper does not
-    say which scaling it used, this one is our choice).
-
-    Args:
-        phase: elapsed share p of the duration; values outside 0 … 1 are held at the ends. Shape (n,).
-
-    Returns:
-        s, ds/dp and d²s/dp², each of shape (n,).
+    say which scaling it used, this one is our choice). ``phase`` is the elapsed share p of the duration;
+    outside 0 … 1 it is held at the ends. Shapes (n,).
     """
     p = np.clip(phase, 0.0, 1.0)
     # Products, since NumPy's powers differ in the last bit from one processor to another.
@@ -102,15 +87,9 @@ def minimum_jerk(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
 
 
 def sample(path: Path, duration_s: float, rate_hz: float) -> DesiredTrajectory:
-    """Run along a path from rest to rest in the given time.
+    """Run along a path from rest to rest in the given time, with ``rate_hz`` points a second.
 
-    Args:
-        path: shape of the movement.
-        duration_s: how long it takes; the last point is at the first tick that is not earlier.
-        rate_hz: points a second.
-
-    Returns:
-        The desired trajectory, with exact derivatives.
+    The last point is at the first tick that is not earlier. Derivatives are exact.
     """
     n_steps = max(1, math.ceil(duration_s * rate_hz - 1e-9))
     time_ns = np.round(np.arange(n_steps + 1) * (NS_PER_S / rate_hz)).astype(np.int64)
