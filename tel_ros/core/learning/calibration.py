@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +11,15 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.learning.experience import SampleMemory, arm_has_changed, counted
-from tel_ros.core.learning.learner import LearnerContext
+from tel_ros.core.learning.learner import (
+    LearnerContext,
+    StoredLearner,
+    TrainingMode,
+    TrainingOutcome,
+    outcome,
+    training_pair,
+)
+from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray
 
 _MEMORY = 0.5
@@ -105,12 +114,39 @@ class CalibratedLearner(ABC):
         self.calibration = Calibration.unknown(len(context.joints))
 
     @abstractmethod
+    def stored(self) -> StoredLearner:
+        """Return everything that predictions and further training depend on."""
+
+    @property
+    def subtrees(self) -> tuple[int, ...]:
+        """Number of subtrees of each joint's tree."""
+        return (0,) * len(self.context.joints)
+
+    @abstractmethod
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
 
     @abstractmethod
     def leverage(self, inputs: FloatArray) -> FloatArray:
         """Return the variance of the prediction in units of that of a sample. Shape (n, n_joints)."""
+
+    @abstractmethod
+    def _learn(
+        self, before: Self, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray
+    ) -> list[str]:
+        """Learn what to say at some inputs; return what grew or was noticed, in words.
+
+        This learner is a copy of the one before, which must not change: arrays and trees are shared.
+        """
+
+    @np.errstate(over="ignore", invalid="ignore")  # what does not stay finite is refused
+    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
+        """See :meth:`.learner.Learner.trained_on`."""
+        inputs, targets_rad = training_pair(mode, samples, self.predict)
+        learner = copy.copy(self)
+        learner.trials_learned += 1
+        notes = learner._learn(self, samples, inputs, targets_rad)
+        return learner, outcome(self, learner, samples, tuple(notes))
 
     def std(self, inputs: FloatArray) -> FloatArray:
         """Return the standard deviation of the error [rad]; inf where nothing is known."""
@@ -121,14 +157,7 @@ class CalibratedLearner(ABC):
     def _calibrate(
         self, before: Self, inputs: FloatArray, offset_rad: FloatArray, trust: FloatArray | None = None
     ) -> None:
-        """Measure how good the predictions of the learner before were, and how well this one fits.
-
-        Args:
-            before: this learner before it learned from these samples.
-            inputs: shape (n, 3 * n_joints).
-            offset_rad: what was right there. Shape (n, n_joints).
-            trust: weight of each sample. Shape (n, n_joints).
-        """
+        """Measure how good the predictions of the learner before were, and how well this one fits."""
         calibration = before.calibration
         if before.trials_learned:
             error = offset_rad - before.predict(inputs)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import Self
 
@@ -18,15 +17,7 @@ from tel_ros.core.learning.experience import (
     better_strength,
     thinning,
 )
-from tel_ros.core.learning.learner import (
-    LearnerContext,
-    StoredLearner,
-    TrainingMode,
-    TrainingOutcome,
-    outcome,
-    rms,
-    training_pair,
-)
+from tel_ros.core.learning.learner import LearnerContext, StoredLearner, rms
 from tel_ros.core.learning.least_squares import TreeData, TreeRegression, on_one_thread
 from tel_ros.core.learning.lms_tree import growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.learning.rigid_body import RigidBodyLearner
@@ -45,11 +36,7 @@ class LeastSquaresLearner(CalibratedLearner):
 
     Each trial is predicted before it is learned from. This decides, joint by joint, how strong the prior is
     and whether the tree grows: only what makes the prediction of a trial not seen before clearly better is
-    done.
-
-    Args:
-        context: of the arm.
-        base: what the trees correct, or None.
+    done. The trees correct the base, if there is one.
     """
 
     def __init__(self, context: LearnerContext, base: RigidBodyLearner | None = None) -> None:
@@ -115,44 +102,38 @@ class LeastSquaresLearner(CalibratedLearner):
         return leverage if self.base is None else leverage + self.base.leverage(inputs)
 
     @on_one_thread
-    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did.
-
-        Raises:
-            TrainingError: what was learned is not finite.
-        """
+    def _learn(
+        self, before: Self, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray
+    ) -> list[str]:
         learning = self.context.learning
-        inputs, targets = training_pair(mode, samples, self.predict)
-        learner = copy.copy(self)
-        learner.trials_learned += 1
-        learner._joints = [joint.copy() for joint in self._joints]
-        new = SampleMemory.of_trial(samples, inputs, targets, self.trials_learned)
+        new = SampleMemory.of_trial(samples, inputs, targets_rad, before.trials_learned)
         old = replace(self._memory, weight=learning.forgetting * self._memory.weight)
-        for joint in learner._joints:
+        self._joints = [joint.copy() for joint in self._joints]
+        for joint in self._joints:
             joint.gram *= learning.forgetting
         notes: list[str] = []
         if self.base is not None:
-            pair = replace(samples, actual=inputs, offset_rad=targets)
-            learner.base, told = self.base.trained_on(pair, "actual")
+            pair = replace(samples, actual=inputs, offset_rad=targets_rad)
+            self.base, told = self.base.trained_on(pair, "actual")
             notes += told.grown
-            new = replace(new, trust=learner._trust(samples.certain[:: thinning(samples)]))
+            new = replace(new, trust=self._trust(samples.certain[:: thinning(samples)]))
         if CHANGED in notes:
-            old = learner._start_over()
-        elif self._is_contradicted(new, lambda: learner._residuals(old, new)):
-            old = learner._start_over()
+            old = self._start_over()
+        elif before._is_contradicted(new, lambda: self._residuals(old, new)):
+            old = self._start_over()
             notes.append(CHANGED)
         if len(old) or len(new) > 1:  # a single sample cannot be held out and learned from
-            notes += learner._choose(old, new)
-        for before, joint in zip(self._joints, learner._joints, strict=True):
-            if learning.forgetting != 1.0 or joint.tree.n_subtrees != before.tree.n_subtrees:
-                joint.set_gram(learner._gram_of(joint, old))
-        learner._fit(old, new)
+            notes += self._choose(old, new)
+        for earlier, joint in zip(before._joints, self._joints, strict=True):
+            if learning.forgetting != 1.0 or joint.tree.n_subtrees != earlier.tree.n_subtrees:
+                joint.set_gram(self._gram_of(joint, old))
+        self._fit(old, new)
         rows = slice(None, None, max(1, len(samples.actual) // _CALIBRATION_SAMPLES))
-        trust = learner._trust(samples.certain[rows])
-        learner._calibrate(self, samples.actual[rows], samples.offset_rad[rows], trust)
-        if not all(np.all(np.isfinite(joint.tree.weights)) for joint in learner._joints):
+        trust = self._trust(samples.certain[rows])
+        self._calibrate(before, samples.actual[rows], samples.offset_rad[rows], trust)
+        if not all(np.all(np.isfinite(joint.tree.weights)) for joint in self._joints):
             raise TrainingError("the weights did not stay finite; the network is unchanged")
-        return learner, outcome(self, learner, samples, tuple(notes))
+        return notes
 
     def _trust(self, sliding: BoolArray) -> FloatArray:
         """Return how far samples of the latest trial are to be believed. Shape (n, n_joints)."""

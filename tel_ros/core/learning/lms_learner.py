@@ -9,14 +9,7 @@ import numpy as np
 
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
-from tel_ros.core.learning.learner import (
-    LearnerContext,
-    StoredLearner,
-    TrainingMode,
-    TrainingOutcome,
-    outcome,
-    training_pair,
-)
+from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.lms_tree import LmsTree, growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import FloatArray
@@ -72,35 +65,30 @@ class LmsLearner(CalibratedLearner):
             columns.append(np.einsum("ij,ij,j->i", psi, psi, 1.0 / (1.0 + seen.ravel())))
         return np.column_stack(columns)
 
-    @np.errstate(over="ignore", invalid="ignore")  # what does not stay finite is refused
-    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did.
+    def _learn(
+        self, before: Self, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray
+    ) -> list[str]:
+        """Learn the samples in random order.
 
-        The samples are learned in random order: neighbours in time are so alike that in their own order each
-        part of the movement overwrites what the others taught (error of the second trial of the paper's
-        schedule 0.116 instead of 0.005 rad).
-
-        Raises:
-            TrainingError: the weights or the outcome did not stay finite.
+        Neighbours in time are so alike that in their own order each part of the movement overwrites what the
+        others taught (error of the second trial of the paper's schedule 0.116 instead of 0.005 rad).
         """
-        learner = copy.deepcopy(self)
-        learner.trials_learned += 1
+        self._trees, self._seen = copy.deepcopy((self._trees, self._seen))
         learning = self.context.learning
-        rng = np.random.default_rng([self.context.seed, self.trials_learned])
-        inputs, targets = training_pair(mode, samples, self.predict)
+        rng = np.random.default_rng([self.context.seed, before.trials_learned])
         scaled = self.context.input_range.scale(inputs)
         orders = [rng.permutation(len(scaled)) for _ in range(learning.passes)]
         grown: list[str] = []
-        for j, (joint, tree) in enumerate(zip(self.context.joints, learner._trees, strict=True)):
+        for j, (joint, tree) in enumerate(zip(self.context.joints, self._trees, strict=True)):
             variance = np.zeros_like(tree.weights)
             for order in orders:
-                variance += tree.learn(scaled, targets[:, j], learning.rate, order)
+                variance += tree.learn(scaled, targets_rad[:, j], learning.rate, order)
             if not np.all(np.isfinite(tree.weights)):
                 raise TrainingError(f"the weights of {joint} did not stay finite; the network is unchanged")
-            grown += learner._grow(j, tree, variance)
-            learner._seen[j] += np.sum(tree.features(scaled) ** 2, axis=0).reshape(tree.weights.shape)
-        learner._calibrate(self, samples.actual, samples.offset_rad)
-        return learner, outcome(self, learner, samples, tuple(grown))
+            grown += self._grow(j, tree, variance)
+            self._seen[j] += np.sum(tree.features(scaled) ** 2, axis=0).reshape(tree.weights.shape)
+        self._calibrate(before, samples.actual, samples.offset_rad)
+        return grown
 
     def _grow(self, joint: int, tree: LmsTree, change_variance: FloatArray) -> list[str]:
         grown, learning = [], self.context.learning

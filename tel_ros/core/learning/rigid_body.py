@@ -7,7 +7,6 @@ parameters are few, so that few samples are enough.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -26,15 +25,7 @@ from tel_ros.core.learning.experience import (
     stuck_trust,
     thinning,
 )
-from tel_ros.core.learning.learner import (
-    LearnerContext,
-    StoredLearner,
-    TrainingMode,
-    TrainingOutcome,
-    outcome,
-    rms,
-    training_pair,
-)
+from tel_ros.core.learning.learner import LearnerContext, StoredLearner, rms
 from tel_ros.core.learning.least_squares import NormalEquations, on_one_thread
 from tel_ros.core.learning.signals import TrainingSamples
 from tel_ros.core.types import BoolArray, FloatArray
@@ -197,11 +188,6 @@ class RigidBodyLearner(CalibratedLearner):
         arrays = vars(self._equations) | {"parameters": self._parameters}
         return StoredLearner(header, arrays | self.calibration.arrays())
 
-    @property
-    def subtrees(self) -> tuple[int, ...]:
-        """Zero for each joint: there are no trees."""
-        return (0,) * len(self.context.joints)
-
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         if self.trials_learned == 0:
@@ -222,31 +208,25 @@ class RigidBodyLearner(CalibratedLearner):
         return np.maximum(result, 0.0)
 
     @on_one_thread
-    def trained_on(self, samples: TrainingSamples, mode: TrainingMode) -> tuple[Self, TrainingOutcome]:
-        """Return a learner that has learned from one trial, and what that did.
-
-        Raises:
-            TrainingError: what was learned is not finite.
-        """
-        learning = self.context.learning
-        new = SampleMemory.of_trial(samples, *training_pair(mode, samples, self.predict), self.trials_learned)
-        learner = copy.copy(self)
-        learner.trials_learned += 1
-        old = self._equations.scaled(learning.forgetting)
+    def _learn(
+        self, before: Self, samples: TrainingSamples, inputs: FloatArray, targets_rad: FloatArray
+    ) -> list[str]:
+        new = SampleMemory.of_trial(samples, inputs, targets_rad, before.trials_learned)
+        old = self._equations.scaled(self.context.learning.forgetting)
         sliding = samples.certain[:: thinning(samples)]
-        learner.stuck_trust = self._stuck_trust(old, new, sliding)
-        new = replace(new, trust=np.where(sliding, 1.0, learner.stuck_trust))
+        self.stuck_trust = self._stuck_trust(old, new, sliding)
+        new = replace(new, trust=np.where(sliding, 1.0, self.stuck_trust))
         added = self._equations_of(new)
-        changed = self._is_contradicted(new, lambda: self._residuals(old, added, new))
+        changed = before._is_contradicted(new, lambda: self._residuals(old, added, new))
         if changed:
             old = NormalEquations.empty(len(added.moment))
-            learner._strength = _FIRST_STRENGTH
+            self._strength = _FIRST_STRENGTH
         else:
-            learner._strength = self._best_strength(old, new)
-        learner._equations = old + added
-        learner._parameters = learner._equations.solution(learner._strength)
-        learner._calibrate(self, new.inputs, new.targets_rad, new.trust)
-        return learner, outcome(self, learner, samples, (CHANGED,) if changed else ())
+            self._strength = before._best_strength(old, new)
+        self._equations = old + added
+        self._parameters = self._equations.solution(self._strength)
+        self._calibrate(before, new.inputs, new.targets_rad, new.trust)
+        return [CHANGED] if changed else []
 
     def _rows(self, inputs: FloatArray) -> FloatArray:
         """Return Y in units of the output, rad. Shape (n, n_joints, n_parameters)."""
