@@ -184,17 +184,11 @@ class Doublet(Program):
 
 
 class ComeToRest(Program):
-    """Zero effort until the arm rests, after -B q̇ on joints that are known to obey.
+    """Zero effort until the arm rests, after -B q̇ on joints that are known to obey (B is 0 for others).
 
-    The damper never exerts more than the pulse did, ends when the joint turns round, and after
-    :data:`BRAKE_S` in any case. The speed is computed from positions.
-
-    Args:
-        guard: see :class:`Program`.
-        damping_nms_per_rad: B of joints that have moved the way they were pushed, 0 for others.
-        most_nm: largest effort of the damper.
-        rest_rad: how far a joint may go within :data:`REST_WINDOW_S` and count as at rest.
-        timeout_s: then everything ends.
+    The damper never exerts more than ``most_nm``, ends when the joint turns round, and after :data:`BRAKE_S`
+    in any case. The speed is computed from positions. A joint is at rest that goes no further than
+    ``rest_rad`` within :data:`REST_WINDOW_S`; if one does not come to rest in time, everything ends.
     """
 
     def __init__(

@@ -23,13 +23,9 @@ States = Callable[[float], StateRecord]
 
 
 class PulseSession:
-    """Makes the programs and keeps what they show.
+    """Makes the programs and keeps what they show; brakes with B, the damping.
 
-    Args:
-        guard: of the whole session.
-        damping_nms_per_rad: B, for braking.
-        resolution_rad: of the positions.
-        states: returns what has arrived since a time. It is asked while the arm waits, so it has to be quick.
+    ``states`` returns what has arrived since a time. It is asked while the arm waits, so it has to be quick.
     """
 
     def __init__(

@@ -50,11 +50,7 @@ class Calibration:
 
     @classmethod
     def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
-        """Return a calibration from its arrays.
-
-        Raises:
-            ValueError: they have the wrong shape or hold NaN or numbers below 0.
-        """
+        """Return a calibration from its arrays; raise ValueError if they cannot be one."""
         residual, scale = arrays["calibration_residual"], arrays["calibration_scale"]
         if residual.size == scale.size == 0:
             return cls.unknown(n_joints)

@@ -30,24 +30,17 @@ _SAMPLES_PER_PERIOD = 5.0
 
 @dataclass(frozen=True)
 class SampleMemory:
-    """Weighted samples of all trials, oldest first.
-
-    Args:
-        inputs: SI units. Shape (n, 3 * n_joints).
-        targets_rad: shape (n, n_joints).
-        noise: standard deviation of the noise in each input. Shape (n, 3 * n_joints).
-        weight: shape (n,).
-        trial: number of each sample's trial. Shape (n,).
-        trust: weight of each target, 0 to 1: less where the joint may have stuck (see
-            :func:`~.noise.slides_throughout`). Shape (n, n_joints).
-    """
+    """Weighted samples of all trials, oldest first. Shapes as in :meth:`empty`, with n rows."""
 
     inputs: FloatArray
     targets_rad: FloatArray
     noise: FloatArray
+    """Standard deviation of the noise in each input."""
     weight: FloatArray
     trial: IntArray
+    """Number of each sample's trial."""
     trust: FloatArray
+    """Weight of each target, 0 to 1: less where the joint may have stuck."""
 
     @classmethod
     def empty(cls, n_joints: int) -> Self:
@@ -70,11 +63,7 @@ class SampleMemory:
 
     @classmethod
     def restored(cls, arrays: Mapping[str, np.ndarray], n_joints: int) -> Self:
-        """Return a memory from its arrays.
-
-        Raises:
-            ValueError: their shapes do not fit together, or they hold numbers that are not finite.
-        """
+        """Return a memory from its arrays; raise ValueError unless their shapes fit and all is finite."""
         n = len(arrays["memory_weight"])
         # Older files have no trust: everything was believed.
         known = {"memory_trust": np.ones((n, n_joints))} | dict(arrays)

@@ -25,21 +25,16 @@ _TOO_CLOSE = 0.25
 
 @dataclass(frozen=True)
 class JointRecording:
-    """Positions and efforts of joints over time, with the time steps of the source.
-
-    Args:
-        source: file and topic, for messages.
-        joints: names, in the order of the columns.
-        time_s: since the first sample. Shape (n,).
-        position_rad: shape (n, n_joints).
-        effort_nm: NaN where the source has none. Shape (n, n_joints).
-    """
+    """Positions and efforts (n, n_joints) over time (n,), with the time steps of the source."""
 
     source: str
+    """File and topic, for messages."""
     joints: tuple[str, ...]
     time_s: FloatArray
+    """Since the first sample."""
     position_rad: FloatArray
     effort_nm: FloatArray
+    """NaN where the source has none."""
 
     @property
     def duration_s(self) -> float:

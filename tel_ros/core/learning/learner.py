@@ -1,8 +1,8 @@
 """What every learner of inverse dynamics can do: the contract between practice and learning.
 
-A learner is a value: it never changes, and training returns another one. So whatever goes wrong in training,
-the learner that answered before still does. Learners are found by name (:mod:`.registry`); a package of a
-user's own offers one as an entry point of the group ``tel_ros.learners`` that names a :class:`LearnerKind`.
+A learner is a value: training returns another one. So whatever goes wrong in training, the learner that
+answered before still does. Learners are found by name (:mod:`.registry`); another package offers one as an
+entry point of the group ``tel_ros.learners`` that names a :class:`LearnerKind`.
 """
 
 from __future__ import annotations

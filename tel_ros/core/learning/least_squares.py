@@ -136,12 +136,7 @@ def second_difference_prior(n_gaussians: int) -> FloatArray:
 
 
 class TreeRegression:
-    """A tree whose weights are solved for, and their normal equations.
-
-    Args:
-        tree: whose weights to solve for; it is changed in place.
-        strength: of the prior, in samples.
-    """
+    """A tree whose weights are solved for, in place, with a prior of a strength in samples."""
 
     def __init__(self, tree: LmsTree, strength: float) -> None:
         self.tree, self.strength = tree, strength

@@ -129,12 +129,8 @@ def slides_throughout(velocity_rad_s: FloatArray, noise_rad_s: FloatArray, reach
     A joint that slides is held back by c sgn(q̇). One that sticks is held by any torque within ±c (the
     set-valued law of Coulomb, f ∈ c Sgn(q̇)); the command then says next to nothing about inertia, gravity or
     c. The low-pass rounds the step that friction takes at a reversal, so samples near a reversal are as
-    uncertain as the reversal itself.
-
-    Args:
-        velocity_rad_s: filtered, evenly sampled. Shape (n, n_joints).
-        noise_rad_s: standard deviation of the noise that is left in it. Shape (n_joints,).
-        reach: ticks on either side that the filter mixes into a sample.
+    uncertain as the reversal itself: up to ``reach``, the ticks on either side that the filter mixes in.
+    The velocity is filtered and evenly sampled, the noise what is left in it, of shape (n_joints,).
     """
     moves = np.maximum(SLOWEST_SLIDING_RAD_S, _CLEAR_OF_NOISE * noise_rad_s)
     size = 2 * reach + 1

@@ -42,11 +42,8 @@ class RigidBodyRegressor:
     """The regressor Y of the joints of an arm, friction included.
 
     The parameters are, for each moving link, mass, three first moments and six second moments about the
-    joint; then viscous, then Coulomb friction of each joint.
-
-    Args:
-        urdf: text of the URDF. Other joints than ``joints`` are taken as fixed at zero.
-        joints: names, in the order of all arrays.
+    joint; then viscous, then Coulomb friction of each joint. Joints of the URDF (its text) that are not named
+    are taken as fixed at zero.
 
     Raises:
         ConfigError: Pinocchio is not installed, or the URDF does not have such joints.

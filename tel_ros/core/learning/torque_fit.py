@@ -1,8 +1,7 @@
 """Learning torque from recordings, and how good the result is where it was not learned.
 
-A sample between two others that have been learned from is no test: at 125 Hz its neighbours are nearly equal.
-So whole blocks of time are held out, and what is learned from keeps a distance from them that the filter
-cannot bridge.
+At 125 Hz neighbours are nearly equal: to test, whole blocks of time are held out, with a distance that the
+filter cannot bridge.
 """
 
 from __future__ import annotations
@@ -33,8 +32,7 @@ _GAP_PERIODS = 2.0
 _GAPS_PER_BLOCK = 4.0
 
 NewLearner = Callable[[InputRange, FloatArray, FloatArray], Learner]
-"""From the ranges of the inputs, and for each joint the unit of torque [N·m] and the factor on the standard
-deviation, to an untrained learner of torque."""
+"""From the input ranges, and for each joint the unit of torque [N·m] and ``std_factor``, to a new learner."""
 
 
 @dataclass(frozen=True)

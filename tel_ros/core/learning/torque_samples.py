@@ -1,11 +1,10 @@
 """From a recording to what a learner of torque is taught, and how well the arm was excited in it.
 
 Positions and efforts go through the same zero-phase Butterworth filter (see :mod:`.noise`), so that the
-torque that is learned belongs to the motion that is left. A Savitzky-Golay filter smooths a position, its
-first and its second derivative differently, and the effort again differently: what M(q) q̈ loses at the upper
-end of the motion, the torque keeps. The filter leaves next to nothing above its cutoff, so the derivatives
-after it may be those of an interpolating spline: at 30 Hz, accelerations of a motion of up to 3 Hz are wrong
-by 0.7 % instead of the 7 % of central differences (docs/imported-bags.md).
+torque that is learned belongs to the motion that is left; a Savitzky-Golay filter smooths a position and its
+derivatives differently. Behind the filter the derivatives may be those of an interpolating spline: at 30 Hz,
+accelerations of a motion of up to 3 Hz are wrong by 0.7 % instead of the 7 % of central differences
+(docs/imported-bags.md).
 """
 
 from __future__ import annotations
