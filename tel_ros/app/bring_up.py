@@ -1,4 +1,4 @@
-"""Starting one process a node, watching them, and ending them in good order."""
+"""The nodes of a run as processes: starting them, watching them, and ending them in good order."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import psutil
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
+from tel_ros.app.errors import NodeDiedError
 from tel_ros.core.config import Config
 
 MODULES = {
@@ -27,13 +28,10 @@ MODULES = {
     "ep_controller": "tel_ros.nodes.ep_controller",
     "practice_manager": "tel_ros.nodes.practice_manager",
 }
-"""The nodes, in the order in which they start; they end in the opposite order, the arm last.
-
-So the guard watches the controller to its end.
-"""
+"""The nodes in the order in which they start. They end in the opposite order: the arm last, and the guard
+watches the controller to its end."""
 
 _END_TIMEOUT_S = 8.0
-_LOG_LINES = 5
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 
@@ -45,11 +43,7 @@ def node_names(config: Config) -> list[str]:
 
 
 def require_simulator() -> None:
-    """Make sure that the simulated arm can be started.
-
-    Raises:
-        ModuleNotFoundError: PyBullet, which it runs in, is not installed.
-    """
+    """Raise ModuleNotFoundError unless PyBullet is there, in which the simulated arm runs."""
     if find_spec("pybullet") is None:
         raise ModuleNotFoundError("the simulated arm needs it", name="pybullet")
 
@@ -60,8 +54,8 @@ class NodeProcesses:
     They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor.
 
     Args:
-        config_file: the configuration that every node reads.
-        names: which nodes to start, keys of :data:`MODULES`.
+        config_file: that every node reads.
+        names: of the nodes, keys of :data:`MODULES`.
         log_folder: gets one log a node.
         resume: whether to go on with the run in whose folder the configuration lies.
         namespace: of the nodes.
@@ -93,9 +87,7 @@ class NodeProcesses:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the nodes."""
         self.stop()
 
@@ -105,29 +97,17 @@ class NodeProcesses:
         return {name: process.pid for name, process in self._processes.items()}
 
     def check(self) -> None:
-        """Make sure that all nodes live.
-
-        Raises:
-            GraphError: one has ended; the message says which, how, and what it said last.
-        """
+        """Raise NodeDiedError if a node has ended; it says which, how, and what the node said last."""
         for name, process in self._processes.items():
             code = process.poll()
             if code is not None:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-                exit_code = EXIT_BAD_INPUT if code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
-                raise GraphError(f"node {name} {how}{self._last_words(name)}", exit_code)
+                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}", code)
 
     def stop(self) -> None:
         """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""
-        for name in reversed(self._processes):
-            process = self._processes[name]
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-                try:
-                    process.wait(_END_TIMEOUT_S)
-                except subprocess.TimeoutExpired:
-                    kill_tree(process.pid)
-                    process.wait()
+        for process in reversed(self._processes.values()):
+            end_process(process, signal.SIGINT, _END_TIMEOUT_S)
 
     def _start(self, name: str) -> subprocess.Popen[bytes]:
         # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
@@ -156,14 +136,16 @@ def die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def kill_tree(pid: int) -> None:
-    """End a process and all that it has started, at once."""
-    try:
-        parent = psutil.Process(pid)
-    except psutil.NoSuchProcess:
+def end_process(process: subprocess.Popen[Any], number: signal.Signals, timeout_s: float) -> None:
+    """Send a signal to a process, and kill it with all that it has started unless it ends in time."""
+    if process.poll() is not None:
         return
-    for process in [*parent.children(recursive=True), parent]:
-        try:
-            process.kill()
-        except psutil.NoSuchProcess:
-            continue
+    process.send_signal(number)
+    try:
+        process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        parent = psutil.Process(process.pid)
+        for each in [*parent.children(recursive=True), parent]:
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+        process.wait()

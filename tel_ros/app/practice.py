@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -18,7 +19,6 @@ from tel_interfaces.action import Practice
 
 from tel_ros.app.bring_up import NodeProcesses, node_names, require_simulator
 from tel_ros.app.errors import GraphError
-from tel_ros.app.liveness import Liveness
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError, TrajectoryError
@@ -37,15 +37,14 @@ DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
 RESUME_TIMEOUT_S = 120.0
 """Arm and controller of a resumed run take the processor for the trials of before while the others start."""
+ASK_PERIOD_S = 2.0
+SILENCE_TIMEOUT_S = 20.0
+"""A machine may stand still for some seconds."""
 
 OnFeedback = Callable[[Practice.Feedback], None]
 Beside = Callable[[Path, Path], AbstractContextManager]
-"""From the configuration's file and the folder of the logs to what goes on beside a run."""
-
-
-def nothing_beside(config_file: Path, log_folder: Path) -> AbstractContextManager:
-    """Leave the run alone."""
-    return nullcontext()
+"""From the configuration's file and the folder of the logs to what goes on beside a run: it is entered before
+the nodes start, and left after the last of them has ended."""
 
 
 def check_before_moving(config: Config) -> None:
@@ -82,20 +81,9 @@ def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
 
 
 def practise(
-    config: Config,
-    folder: Path,
-    on_feedback: OnFeedback,
-    beside: Beside = nothing_beside,
-    namespace: str = "/",
+    config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside, namespace: str = "/"
 ) -> Practice.Result:
-    """Bring the graph up, run practice, take the graph down.
-
-    Args:
-        config: the run.
-        folder: of the run; must not exist.
-        on_feedback: called with every message about the progress.
-        beside: entered before the nodes start, and left after the last of them has ended.
-        namespace: of all nodes.
+    """Bring the graph up, run practice into a folder that must not exist, take the graph down.
 
     Raises:
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
@@ -106,62 +94,47 @@ def practise(
     check_before_moving(config)
     if config.run.arm == "sim":
         require_simulator()
-    _keep_to_this_machine(config)
-    with _client_node(namespace) as (node, executor):
-        _refuse_second_graph(node, executor, config)
+    with _client_node(config, namespace) as node:
         create_run_folder(folder, config)
-        config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
-        nodes = NodeProcesses(config_file, node_names(config), logs, namespace=namespace)
-        with run_lock(folder), beside(config_file, logs), nodes as processes:
-            return _run(node, executor, processes, folder, on_feedback, START_TIMEOUT_S)
+        with run_lock(folder):
+            return _run(node, config, folder, on_feedback, beside, resume=False)
 
 
 def resume(
     folder: Path,
     on_prepared: Callable[[Resumption], None],
     on_feedback: OnFeedback,
-    beside: Beside = nothing_beside,
+    beside: Beside,
     namespace: str = "/",
 ) -> Practice.Result:
     """Go on with a run that was interrupted, after its last whole trial.
 
-    Args:
-        folder: of the run.
-        on_prepared: called with what the run goes on from, before any node is started.
-        on_feedback: as for :func:`practise`.
-        beside: likewise.
-        namespace: likewise.
+    ``on_prepared`` is called with what the run goes on from, before any node is started.
 
     Raises:
         As for :func:`practise`; and InputFileError also if the run is finished.
     """
     config = resumed_config(folder)
     check_before_moving(config)
-    _keep_to_this_machine(config)
-    with run_lock(folder), _client_node(namespace) as (node, executor):
-        # The nodes of the run may still be on their way to bring the arm to rest.
-        _refuse_second_graph(node, executor, config)
+    # The nodes of the run may still be on their way to bring the arm to rest.
+    with run_lock(folder), _client_node(config, namespace) as node:
         on_prepared(prepare_to_resume(folder, config))
-        config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
-        nodes = NodeProcesses(config_file, node_names(config), logs, resume=True, namespace=namespace)
-        with beside(config_file, logs), nodes as processes:
-            return _run(node, executor, processes, folder, on_feedback, RESUME_TIMEOUT_S)
-
-
-def _keep_to_this_machine(config: Config) -> None:
-    if config.run.arm == "sim":
-        # The simulated arm concerns nobody else on the network.
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        return _run(node, config, folder, on_feedback, beside, resume=True)
 
 
 @contextmanager
-def _client_node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+def _client_node(config: Config, namespace: str) -> Iterator[Node]:
+    """Make the node that asks for the run, where no graph is running, and an executor for it."""
+    if config.run.arm == "sim":
+        # The simulated arm concerns nobody else on the network.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     try:
         node = Node("tel", namespace=namespace)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        yield node, executor
+        _refuse_second_graph(node, executor, config)
+        yield node
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
@@ -178,51 +151,75 @@ def _refuse_second_graph(node: Node, executor: SingleThreadedExecutor, config: C
             running.append(f"a publisher of {node.resolve_topic_name(topics.JOINT_STATES)}")
         if running:
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
-            raise ConfigError(
-                "ROS_DOMAIN_ID",
-                domain,
-                f"a domain or --namespace without a running graph (found {', '.join(running)})",
-            )
+            free = f"a domain or --namespace without a running graph (found {', '.join(running)})"
+            raise ConfigError("ROS_DOMAIN_ID", domain, free)
 
 
 def _run(
-    node: Node,
-    executor: SingleThreadedExecutor,
-    processes: NodeProcesses,
-    folder: Path,
-    on_feedback: OnFeedback,
-    start_timeout_s: float,
+    node: Node, config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside, resume: bool
 ) -> Practice.Result:
-    client = ActionClient(node, Practice, topics.PRACTICE)
-    liveness = Liveness(node, "practice_manager")
+    config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
+    nodes = NodeProcesses(
+        config_file, node_names(config), logs, resume=resume, namespace=node.get_namespace()
+    )
+    start_timeout_s = RESUME_TIMEOUT_S if resume else START_TIMEOUT_S
+    with beside(config_file, logs), nodes:
+        client = ActionClient(node, Practice, topics.PRACTICE)
+        liveness = Liveness(node, "practice_manager")
 
-    def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
-        end = time.monotonic() + timeout_s
-        while not done():
-            executor.spin_once(timeout_sec=0.1)
-            processes.check()
-            if time.monotonic() > end:
-                raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {folder / LOG_FOLDER}")
+        def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
+            end = time.monotonic() + timeout_s
+            while not done():
+                node.executor.spin_once(timeout_sec=0.1)
+                nodes.check()
+                if time.monotonic() > end:
+                    raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {logs}")
 
-    try:
-        spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
-        accepted = client.send_goal_async(
-            Practice.Goal(run_dir=str(folder.resolve())),
-            feedback_callback=lambda message: on_feedback(message.feedback),
-        )
-        spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
-        handle: Any = accepted.result()
-        if not handle.accepted:
-            raise GraphError("the practice manager rejected the run")
-        finished: Future = handle.get_result_async()
+        try:
+            spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
+            accepted = client.send_goal_async(
+                Practice.Goal(run_dir=str(folder.resolve())),
+                feedback_callback=lambda message: on_feedback(message.feedback),
+            )
+            spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
+            handle: Any = accepted.result()
+            if not handle.accepted:
+                raise GraphError("the practice manager rejected the run")
+            finished: Future = handle.get_result_async()
 
-        def is_finished() -> bool:
-            liveness.check()
-            return finished.done()
+            def is_finished() -> bool:
+                liveness.check()
+                return finished.done()
 
-        spin_until(is_finished, float("inf"), "")
-        result: Practice.Result = finished.result().result
-        return result
-    finally:
-        liveness.close()
-        client.destroy()
+            spin_until(is_finished, float("inf"), "")
+            result: Practice.Result = finished.result().result
+            return result
+        finally:
+            client.destroy()
+
+
+class Liveness:
+    """Notices that a node whose process lives no longer answers: asks it for no parameters, again and again.
+
+    Only for nodes whose executor has a thread to spare: one that computes in its only thread looks dead.
+
+    Args:
+        node: that asks; its owner spins it.
+        name: of the node that is asked.
+        clock: tells the time in s.
+    """
+
+    def __init__(self, node: Node, name: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._clock = name, clock
+        self._client = node.create_client(GetParameters, f"{name}/get_parameters")
+        self._asked: Future | None = None
+        self._asked_at = clock()
+
+    def check(self) -> None:
+        """Ask again when it is time; GraphError if there was no answer for :data:`SILENCE_TIMEOUT_S`."""
+        silence_s = self._clock() - self._asked_at
+        if self._asked is not None and not self._asked.done():
+            if silence_s > SILENCE_TIMEOUT_S:
+                raise GraphError(f"node {self._name} has not answered for {silence_s:.0f} s")
+        elif silence_s > ASK_PERIOD_S and self._client.service_is_ready():
+            self._asked, self._asked_at = self._client.call_async(GetParameters.Request()), self._clock()

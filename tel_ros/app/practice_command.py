@@ -1,10 +1,10 @@
-"""``tel practice``."""
+"""``tel practice``, and how it shows a run while it goes on."""
 
 from __future__ import annotations
 
 import json
+import math
 import signal
-from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from tel_ros.app.command_group import missing_module
 from tel_ros.app.config_argument import ConfigFile, namespace_option
@@ -26,10 +27,13 @@ from tel_ros.app.errors import (
 from tel_ros.app.tables import trial_table
 from tel_ros.app.view.command import beside_run, view_option
 from tel_ros.core.errors import TelError
+from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
 
 if TYPE_CHECKING:
+    from tel_interfaces.action import Practice
+
     from tel_ros.recording.resumption import Resumption
 
 _PROGRESS = Console(stderr=True)
@@ -78,10 +82,15 @@ def practice(
     trial, the learned network, run.yaml, summary.json and report.html. A run that was interrupted goes on
     with --resume.
     """
-    _require_either(config_file, resumed, {"--set": overrides, "--out": out})
+    if resumed is None and config_file is None:
+        end("nothing to practise: expected CONFIG, or --resume RUN", EXIT_BAD_INPUT)
+    ignored = {"--set": overrides, "--out": out, f"CONFIG ({config_file})": config_file}
+    if resumed is not None and any(ignored.values()):
+        given = ", ".join(name for name, value in ignored.items() if value)
+        expected = f"--resume {resumed} alone: a run goes on as its run.yaml says, into its own folder"
+        end(f"{given} given with --resume; expected {expected}", EXIT_BAD_INPUT)
     # Imported late: `tel --help` and `tel report` need no ROS.
     from tel_ros.app.practice import practise, resume
-    from tel_ros.app.progress_view import ProgressView
     from tel_ros.nodes.robot_description import description_in
 
     # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
@@ -89,14 +98,12 @@ def practice(
         signal.signal(number, signal.default_int_handler)
     try:
         beside = beside_run(with_view, _PROGRESS, namespace)
-        if resumed is not None:
+        if config_file is None:
             folder = resumed
             with ProgressView(_PROGRESS) as progress:
-                result = resume(
-                    folder, partial(_say_what_goes_on, folder), progress.update, beside, namespace
-                )
+                told = partial(_say_what_goes_on, folder)
+                result = resume(folder, told, progress.update, beside, namespace)
         else:
-            assert config_file is not None  # require_either
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
             config = load_config(config_file, overrides, partial(description_in, namespace))
             with ProgressView(_PROGRESS) as progress:
@@ -104,8 +111,8 @@ def practice(
     except GraphError as error:
         end(f"{error}{_left(folder)}", error.exit_code)
     except KeyboardInterrupt:
-        text = f"interrupted: the arm was brought to rest and all nodes have ended{_left(folder)}"
-        end(text, EXIT_INTERRUPTED)
+        ended = "interrupted: the arm was brought to rest and all nodes have ended"
+        end(f"{ended}{_left(folder)}", EXIT_INTERRUPTED)
     try:
         summary = read_summary(folder)
     except TelError as error:  # a full disk may have left none
@@ -113,10 +120,9 @@ def practice(
     _show(summary, folder, as_json)
     if with_report and summary["trials"]:
         _report_at_the_end(folder, as_json)
-    if result.outcome == "failed":
-        end(f"{result.message}{_left(folder)}", EXIT_GRAPH_FAILED)
     if result.outcome != "completed":
-        end(f"{result.message}{_left(folder)}", EXIT_NOT_COMPLETED)
+        code = EXIT_GRAPH_FAILED if result.outcome == "failed" else EXIT_NOT_COMPLETED
+        end(f"{result.message}{_left(folder)}", code)
 
 
 def _report_at_the_end(folder: Path, as_json: bool) -> None:
@@ -156,27 +162,58 @@ def _left(folder: Path) -> str:
     return f" (what was recorded is in {folder})" if folder.exists() else ""
 
 
-def _require_either(config_file: Path | None, resumed: Path | None, others: Mapping[str, object]) -> None:
-    """End with a message unless a new run is asked for, or one that is to go on as it was begun.
-
-    Args:
-        config_file: of a new run.
-        resumed: folder of a run that is to go on.
-        others: options that only a new run can have.
-    """
-    if resumed is None:
-        if config_file is None:
-            end("nothing to practise: expected CONFIG, or --resume RUN", EXIT_BAD_INPUT)
-        return
-    given = [name for name, value in others.items() if value]
-    given += [] if config_file is None else [f"CONFIG ({config_file})"]
-    if given:
-        expected = f"--resume {resumed} alone: a run goes on as its run.yaml says, into its own folder"
-        end(f"{', '.join(given)} given with --resume; expected {expected}", EXIT_BAD_INPUT)
-
-
 def _say_what_goes_on(folder: Path, resumption: Resumption) -> None:
     """Say on stderr what a run goes on from, and where the rest was put."""
     for path, why in resumption.set_aside.items():
         click.echo(f"set aside  {path} ({why})", err=True)
     click.echo(f"resumed    {folder} after {resumption.trials} whole trials", err=True)
+
+
+class ProgressView:
+    """A line that moves on a terminal; in a log file one line a trial. Use it with ``with``."""
+
+    def __init__(self, console: Console) -> None:
+        self._print = partial(console.print, highlight=False, soft_wrap=True, markup=False)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("starting the nodes", total=1.0)
+
+    def __enter__(self) -> ProgressView:
+        """Show the line."""
+        self._progress.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take the line away."""
+        self._progress.stop()
+
+    def update(self, feedback: Practice.Feedback) -> None:
+        """Take in a message about the progress of the run."""
+        # A strategy that gives reasons decides as it goes: how many trials it will be is a guess.
+        about = "~" if feedback.reason else ""
+        trial = f"trial {feedback.trial:2d}/{about}{feedback.trials}  α {feedback.alpha:.3f}"
+        text = f"{trial}  {feedback.stage:<10}"
+        if not math.isnan(feedback.max_error_rad):
+            text += f"  error up to {feedback.max_error_rad:.3f} rad"
+        self._progress.update(self._task, description=text, completed=feedback.progress)
+        for result in feedback.last:
+            before, after = feedback.training_rms_rad
+            outcome = Outcome(result.outcome).text
+            left_s = self._progress.tasks[0].time_remaining
+            self._print(
+                f"{trial}  {feedback.duration_s:6.3f} s  error {result.rms_error_rad:.4f} rad RMS, "
+                f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"
+                f"{f' ({feedback.reason})' if feedback.reason else ''}"
+                f"{'' if left_s is None else f'  about {left_s:.0f} s left'}"
+            )
+            if result.timing_warning:
+                self._print(f"{trial}  {result.timing_warning}")

@@ -6,7 +6,7 @@ import pytest
 from rclpy.task import Future
 
 from tel_ros.app.errors import GraphError
-from tel_ros.app.liveness import ASK_PERIOD_S, SILENCE_TIMEOUT_S, Liveness
+from tel_ros.app.practice import ASK_PERIOD_S, SILENCE_TIMEOUT_S, Liveness
 
 
 class Asked:

@@ -13,7 +13,7 @@ import numpy as np
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import SerialChain
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import FloatArray, evenly_spaced
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
@@ -120,11 +120,10 @@ def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
 
     A bag that turns out to be unreadable is left out.
     """
-    count = min(most, len(run.drawable))
-    places = np.unique(np.linspace(0, len(run.drawable) - 1, count).round().astype(int))
     read = {trial.summary.index: trial for trial in run.drawn}
     found = []
-    for summary in (run.drawable[place] for place in places):
+    for place in evenly_spaced(len(run.drawable), most):
+        summary = run.drawable[place]
         try:
             found.append(
                 read.get(summary.index)

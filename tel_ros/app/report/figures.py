@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,7 +41,7 @@ from tel_ros.app.plotting import (
 from tel_ros.app.report.data import DrawnTrial, TrialRow
 from tel_ros.app.report.text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import FloatArray, evenly_spaced
 
 _PAGE_IN = 9.7
 """Height of what fits on a page with its caption."""
@@ -71,21 +72,16 @@ class PathPanel:
     """Where the hand would come to rest under the command."""
     completed: bool
 
-    @property
-    def curves_m(self) -> dict[str, FloatArray]:
-        """All three by the names of their fields."""
-        return {name: getattr(self, name) for name in ("desired_m", "actual_m", "equilibrium_m")}
 
-
-def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[PathPanel], str, list[str]]:
-    """Return the panels of the hand's path, one a trial.
+def path_panels(
+    drawn: Sequence[DrawnTrial], chain: SerialChain, most_points: int = sys.maxsize
+) -> tuple[list[PathPanel], str, list[str]]:
+    """Return a panel of the hand's path for each trial, a sentence about their plane, labels of its axes.
 
     Args:
         drawn: the trials; at least one.
         chain: from the base to the hand.
-
-    Returns:
-        The panels, all in one plane; a sentence about the plane; labels of its two axes.
+        most_points: of a curve.
     """
     paths = []
     for trial in (each.recorded for each in drawn):
@@ -96,7 +92,7 @@ def path_panels(drawn: Sequence[DrawnTrial], chain: SerialChain) -> tuple[list[P
         PathPanel(
             f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
             f"RMS error {significant(trial.summary.rms_error_rad)} rad",
-            *(plane.project(path[0]), plane.project(path[1]), plane.project(path[2])),
+            *(plane.project(curve)[evenly_spaced(len(curve), most_points)] for curve in path),
             completed=trial.summary.completed,
         )
         for trial, path in zip(drawn, paths, strict=True)
@@ -156,7 +152,7 @@ def _path_handles(panels: Sequence[PathPanel]) -> list[Line2D]:
 
 def _frame(panels: Sequence[PathPanel]) -> tuple[FloatArray, FloatArray, float]:
     """Return the lower and the upper corner [m] of what all panels show, and its height over its width."""
-    everything = np.vstack([curve for panel in panels for curve in panel.curves_m.values()])
+    everything = np.vstack([each for p in panels for each in (p.desired_m, p.actual_m, p.equilibrium_m)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     margin_m = 0.06 * max(float((high - low).max()), 1e-3)
     low, high = low - margin_m, high + margin_m
@@ -250,7 +246,7 @@ def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
     """Draw two standard deviations of the command, where they are finite."""
     half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
     # An area is written with all of its points, unlike a line, which is simplified.
-    rows = np.unique(np.linspace(0, len(half_rad) - 1, _BAND_POINTS).round().astype(int))
+    rows = evenly_spaced(len(half_rad), _BAND_POINTS)
     time, half_rad = movement_time(trial)[rows], half_rad[rows]
     known = np.isfinite(half_rad)
     half_rad = np.where(known, half_rad, 0.0)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from tel_ros import __version__
@@ -25,7 +23,6 @@ from tel_ros.app.report.figures import (
     tracking_figure,
 )
 from tel_ros.app.report.page import Content, Section, block, write_page
-from tel_ros.core.types import FloatArray
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
 
 MOST_STEPS = 16
@@ -48,14 +45,7 @@ def steps(run: RunData) -> Content | None:
     trials = read_drawable(run, MOST_STEPS) if run.drawn else []
     if len(trials) < 2:
         return None
-
-    def thinned(points_m: FloatArray) -> FloatArray:
-        rows = np.unique(np.linspace(0, len(points_m) - 1, _STEP_POINTS).round().astype(int))
-        return points_m[rows]
-
-    panels, _, labels = path_panels(trials, run.chain)
-    thin: list[dict[str, Any]] = [{k: thinned(curve) for k, curve in p.curves_m.items()} for p in panels]
-    panels = [replace(panel, **curves) for panel, curves in zip(panels, thin, strict=True)]
+    panels, _, labels = path_panels(trials, run.chain, _STEP_POINTS)
     indices = [trial.summary.index for trial in trials]
     pictures = [
         (index, Markup(inline_svg(figure, f"step-{index}")))

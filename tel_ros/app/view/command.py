@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,18 +17,13 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from tel_ros.app.bring_up import die_with_parent, kill_tree
+from tel_ros.app.bring_up import die_with_parent, end_process
 from tel_ros.app.config_argument import config_argument, namespace_option
 from tel_ros.app.view.gate import ViewError
 from tel_ros.recording.config_file import load_config
 
 if TYPE_CHECKING:
     from tel_ros.app.practice import Beside
-
-_NEEDED = ("viser", "yourdfpy")
-_TOKEN_BYTES = 24
-_MODULE = "tel_ros.app.view.main"
-_END_TIMEOUT_S = 3.0
 
 view_option = click.option(
     "--view/--no-view", "with_view", default=False, help="Show the run in the browser; prints a link."
@@ -37,14 +32,9 @@ view_option = click.option(
 
 def require_view() -> None:
     """Raise :class:`ViewError` if the extra ``view`` is not installed."""
-    missing = [name for name in _NEEDED if find_spec(name) is None]
+    missing = [name for name in ("viser", "yourdfpy") if find_spec(name) is None]
     if missing:
         raise ViewError(f"the live view needs {', '.join(missing)}: pip install 'tel_ros[view]'")
-
-
-def _new_token() -> str:
-    """Return a secret that nobody can guess."""
-    return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Beside:
@@ -53,39 +43,29 @@ def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Besid
     Raises:
         ViewError: the extra ``view`` is not installed.
     """
-    from tel_ros.app.practice import nothing_beside  # imported late: `tel --help` needs no ROS
-
     if not with_view:
-        return nothing_beside
+        return lambda config_file, log_folder: nullcontext()
     require_view()
 
     def tell(line: str) -> None:
         console.print(f"view    {line}", highlight=False, soft_wrap=True, markup=False)
 
-    return lambda config_file, log_folder: view_process(
-        config_file, log_folder, _new_token(), tell, namespace
-    )
+    return lambda config_file, log_folder: _view_process(config_file, log_folder, tell, namespace)
 
 
 @contextmanager
-def view_process(
-    config_file: Path, log_folder: Path, token: str, tell: Callable[[str], None], namespace: str = "/"
+def _view_process(
+    config_file: Path, log_folder: Path, tell: Callable[[str], None], namespace: str
 ) -> Iterator[None]:
     """Run the view as a process beside a practice run, which neither waits for it nor needs it.
 
-    It gets SIGTERM from the kernel if this process dies.
-
-    Args:
-        config_file: of the run.
-        log_folder: gets ``view.log``.
-        token: the secret in the link.
-        tell: called, from another thread, with the link, or with why there is none.
-        namespace: of the graph.
+    It gets SIGTERM from the kernel if this process dies. ``tell`` is called from another thread, with the
+    link or with why there is none.
     """
     log_folder.mkdir(parents=True, exist_ok=True)
     with (log_folder / "view.log").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", _MODULE, str(config_file), "0", namespace],
+            [sys.executable, "-m", "tel_ros.app.view.main", str(config_file), "0", namespace],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
@@ -95,8 +75,7 @@ def view_process(
         )
     with suppress(OSError):  # it may have died already
         # Shorter than a pipe's buffer, so this does not wait.
-        assert process.stdin
-        process.stdin.write(f"{token}\n")
+        process.stdin.write(f"{secrets.token_urlsafe()}\n")
         process.stdin.close()
 
     def listen() -> None:
@@ -107,13 +86,7 @@ def view_process(
     try:
         yield
     finally:
-        if process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(_END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                kill_tree(process.pid)
-                process.wait()
+        end_process(process, signal.SIGTERM, 3.0)
 
 
 @click.command()
@@ -133,14 +106,13 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stopping.append(number))
     require_view()
-    from tel_ros.app.view.main import be_modest, watch
+    from tel_ros.app.view.main import watch
     from tel_ros.nodes.robot_description import description_in
 
-    be_modest()
     out = sys.stdout  # kept: what viser prints goes elsewhere
     watch(
         load_config(config_file, overrides, partial(description_in, namespace)),
-        _new_token(),
+        secrets.token_urlsafe(),
         port,
         lambda link: click.echo(f"view    {link}", file=out),
         lambda: bool(stopping),

@@ -29,13 +29,12 @@ from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
 from tel_ros.recording import topics
 
 ANSWER_TIMEOUT_S = 2.0
-_USE_THE_OTHER = "use the emergency stop by wire"
 
 
 class GraphView:
     """Subscribes best effort, and takes only the newest message of the fast topics, when it looks.
 
-    It has no publisher. Services can be called from any thread; nobody waits for their answers.
+    It has no publisher. Services can be called from any thread, and return at once.
 
     Args:
         node: its owner spins it.
@@ -121,11 +120,10 @@ class GraphView:
         self._ask(self._pause, SetBool.Request(data=paused), "pause" if paused else "go on")
 
     def _ask(self, client: Client, request: Any, what: str, urgent: bool = False) -> None:
-        if not client.service_is_ready():
+        if client.service_is_ready():
+            self._asked.append((what, urgent, time.monotonic(), client.call_async(request)))
+        else:
             self._say(f"{what}: nobody offers {client.service_name}", urgent, bad=True)
-            return
-        future = client.call_async(request)
-        self._asked.append((what, urgent, time.monotonic(), future))
 
     def _look_for_answers(self) -> None:
         for asked in list(self._asked):
@@ -139,7 +137,7 @@ class GraphView:
                 self._say(f"{what}: NO ANSWER for {ANSWER_TIMEOUT_S:.0f} s", urgent, bad=True)
 
     def _say(self, text: str, urgent: bool, bad: bool) -> None:
-        self.answer, self.alarm = f"{text}; {_USE_THE_OTHER}" if urgent and bad else text, bad
+        self.answer, self.alarm = f"{text}; use the emergency stop by wire" if urgent and bad else text, bad
 
     def _on_joint_state(self, message: JointState) -> None:
         try:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.trial import Phase, TrialGoal
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import FloatArray, evenly_spaced
+
+if TYPE_CHECKING:
+    from tel_interfaces.msg import TrialResult
 
 N_CELLS = 240
 """As many as a small plot can show."""
@@ -91,7 +95,7 @@ class LiveTrial:
         n_joints = goal.desired.n_joints
         end_s = (1.0 + HOLD_SHARE) * self.duration_s
         self.error_rad, self.speed_rad_s, self.effort_share = (GridSeries(n_joints, end_s) for _ in range(3))
-        drawn = thinned(len(goal.equilibrium_rad))
+        drawn = evenly_spaced(len(goal.equilibrium_rad), PATH_POINTS)
         self.desired_m = chain.hand_positions(goal.desired.position_rad[drawn])
         """Where the hand should go. Shape (n, 3)."""
         self.equilibrium_m = chain.hand_positions(goal.equilibrium_rad[drawn])
@@ -104,10 +108,11 @@ class LiveTrial:
 
         self.desired_speed_rad_s = on_grid(goal.desired.velocity_rad_s)
         """Over the times of the grids. Shape (n_cells, n_joints)."""
-        known = std_rad.shape == goal.equilibrium_rad.shape and bool(np.isfinite(std_rad).all())
-        self.std_rad = on_grid(std_rad) if known else np.full_like(self.desired_speed_rad_s, np.nan)
+        self.is_std_known = std_rad.shape == goal.equilibrium_rad.shape and bool(np.isfinite(std_rad).all())
+        self.std_rad = (
+            on_grid(std_rad) if self.is_std_known else np.full_like(self.desired_speed_rad_s, np.nan)
+        )
         """Of the error in û; NaN where nothing is known yet."""
-        self.is_std_known = known
         self._path_rad: list[FloatArray] = []
         self._gaps: list[int] = []
         self._last_point_s = -np.inf
@@ -141,42 +146,25 @@ class LiveTrial:
         self._last_point_s = time_s
 
 
-def thinned(n: int) -> FloatArray:
-    """Return which of n points to draw, the first and the last among them."""
-    return np.unique(np.linspace(0, n - 1, min(n, PATH_POINTS)).round().astype(int))
-
-
-@dataclass(frozen=True)
-class EndedTrial:
-    """One row of the table. ``outcome`` and ``reason`` come from outside and may hold anything."""
-
-    index: int
-    alpha: float
-    duration_s: float
-    rms_error_rad: float
-    max_error_rad: float
-    outcome: str
-    reason: str = ""
-
-
 class History:
     """The trials of this run that ended while the view was open."""
 
     def __init__(self) -> None:
-        self.trials: list[EndedTrial] = []
+        self.trials: list[tuple[TrialResult, str]] = []
+        """Results, and why each trial was chosen or ended so, in any text."""
         self.paths: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT_PATHS)
         """Number of the trial and positions of the hand [m], shape (n, 3), NaN in gaps; oldest first."""
 
-    def end(self, ended: EndedTrial, live: LiveTrial | None) -> None:
+    def end(self, result: TrialResult, reason: str, live: LiveTrial | None) -> None:
         """Take in a trial that has ended, and what was seen of it.
 
         A number that was there before begins a new run; a row equal to the last one is a repetition.
         """
-        if self.trials and ended == self.trials[-1]:
+        if self.trials and (result, reason) == self.trials[-1]:
             return
-        if self.trials and ended.index <= self.trials[-1].index:
+        if self.trials and result.index <= self.trials[-1][0].index:
             self.trials.clear()
             self.paths.clear()
-        self.trials.append(ended)
-        if live is not None and live.index == ended.index and len(live.hand_m) > 1:
-            self.paths.append((ended.index, live.hand_m))
+        self.trials.append((result, reason))
+        if live is not None and live.index == result.index and len(live.hand_m) > 1:
+            self.paths.append((result.index, live.hand_m))

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +21,11 @@ from tel_interfaces.msg import TrialGoal
 
 from tel_ros.app.plane import viewpoint
 from tel_ros.app.view.graph import GraphView
-from tel_ros.app.view.live_trial import EndedTrial, History, LiveTrial
+from tel_ros.app.view.live_trial import History, LiveTrial
 from tel_ros.app.view.page import Page
 from tel_ros.app.view.server import OwnersServer
-from tel_ros.app.view.words import Status
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
-from tel_ros.core.trial import Outcome, Phase
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.nodes.hot_loop import serve_ready
 from tel_ros.recording.config_file import load_config
@@ -40,19 +39,12 @@ LOCKSTEP_RATE_HZ = 100.0
 
 In real time once a picture is enough, and five times as many looks would cost the control loop time.
 """
-_NICENESS = 10
 _WORDS_EVERY = 4
 """Words and plots change with every fourth picture only."""
 
 
 class LiveView:
-    """Keeps the page up to date with what is heard.
-
-    Args:
-        config: of the run that is watched.
-        node: its owner spins it.
-        token: the secret in the link.
-        port: of the page; 0: any that is free.
+    """Keeps the page up to date with what is heard; arguments as for :func:`watch`. The owner spins the node.
 
     Raises:
         TelError: the arm or its path cannot be drawn, or the server cannot be opened safely.
@@ -68,20 +60,15 @@ class LiveView:
         self._history = History()
         self._feedback = Practice.Feedback(max_error_rad=float("nan"))
         self._server = OwnersServer(token, port, f"tel view: {config.arm.name}")
-        self.link = self._server.link
+        self.link, self.close = self._server.link, self._server.stop
+        seen = viewpoint(np.vstack([path_m, np.zeros((1, 3))]))
         try:
-            self._page = Page(
-                self._server.viser, config.arm, viewpoint(np.vstack([path_m, np.zeros((1, 3))])), self._graph
-            )
+            self._page = Page(self._server.viser, config.arm, seen, self._graph)
             self._page.show_history(self._history)
         except BaseException:
             self.close()
             raise
         self._looks = 0
-
-    def close(self) -> None:
-        """Close the page."""
-        self._server.stop()
 
     def follow(self) -> None:
         """Look where the trial is, and keep it."""
@@ -100,29 +87,10 @@ class LiveView:
             if graph.sample is not None:
                 page.show_ghost(graph.sample.desired_rad)
             if self._looks % _WORDS_EVERY == 0:
-                page.show_status(self._status())
+                page.show_status(graph, self._feedback)
                 page.show_history(self._history)
                 if self._trial is not None:
                     page.show_progress(self._trial)
-
-    def _status(self) -> Status:
-        graph, said = self._graph, self._feedback
-        return Status(
-            arm_age_s=graph.arm_age_s,
-            phase=graph.sample.phase if graph.sample is not None else Phase.IDLE,
-            trial=said.trial,
-            trials=said.trials,
-            is_open_ended=bool(said.reason),
-            stage=said.stage,
-            alpha=said.alpha,
-            duration_s=said.duration_s,
-            max_error_rad=said.max_error_rad,
-            progress=said.progress,
-            stopped=graph.stopped,
-            paused=graph.paused,
-            answer=graph.answer,
-            alarm=graph.alarm,
-        )
 
     def _begin_trial(self, message: TrialGoal) -> None:
         arm = self._config.arm
@@ -141,16 +109,7 @@ class LiveView:
     def _on_feedback(self, feedback: Practice.Feedback) -> None:
         self._feedback = feedback
         for result in feedback.last:
-            ended = EndedTrial(
-                index=result.index,
-                alpha=result.alpha,
-                duration_s=result.duration_s,
-                rms_error_rad=result.rms_error_rad,
-                max_error_rad=result.max_error_rad,
-                outcome=Outcome(result.outcome).name.lower(),
-                reason=result.message or feedback.reason,
-            )
-            self._history.end(ended, self._trial)
+            self._history.end(result, result.message or feedback.reason, self._trial)
 
 
 @contextlib.contextmanager
@@ -164,11 +123,6 @@ def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-
-
-def be_modest() -> None:
-    """Leave the processor to the nodes that move the arm."""
-    os.nice(_NICENESS)
 
 
 def watch(
@@ -192,6 +146,7 @@ def watch(
     Raises:
         TelError: as :class:`LiveView`.
     """
+    os.nice(10)  # the processor is for the nodes that move the arm
     with contextlib.redirect_stdout(sys.stderr), _node(namespace) as (node, executor):  # viser talks
         view = LiveView(config, node, token, port)
         try:
@@ -223,16 +178,12 @@ def main() -> None:
         signal.signal(number, lambda number, frame: stopping.append(number))
     out = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     token = sys.stdin.readline().strip()
-    be_modest()
-
-    def tell(link: str) -> None:
-        print(link, file=out, flush=True)
-
+    tell = partial(print, file=out, flush=True)
     try:
         config, port, namespace = load_config(Path(sys.argv[1])), int(sys.argv[2]), sys.argv[3]
         watch(config, token, port, tell, lambda: bool(stopping), namespace)
     except TelError as error:
-        print(f"no live view: {error}", file=out, flush=True)
+        tell(f"no live view: {error}")
         sys.exit(2)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -16,11 +16,16 @@ from viser.extras import ViserUrdf
 from tel_ros.app.plane import Viewpoint
 from tel_ros.app.view.gate import ViewError
 from tel_ros.app.view.live_trial import History, LiveTrial, magnitude, round_up
-from tel_ros.app.view.words import Status, status_html, trials_html
+from tel_ros.app.view.words import status_html, trials_html
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.shared_files import named_file
+
+if TYPE_CHECKING:
+    from tel_interfaces.action import Practice
+
+    from tel_ros.app.view.graph import GraphView
 
 _COLOURS = ("#1f6fb4", "#d9661f", "#2b8a3e", "#9c36b5", "#c92a2a", "#0b7285", "#846358")
 _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
@@ -33,23 +38,8 @@ _LABEL_SPACE_PX = 16
 """Between labels of the vertical axes: small plots have room for three."""
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
-_RED = "red"
-
-
-class Controls(Protocol):
-    """What the buttons do. Each returns at once, and may be called from any thread."""
-
-    def emergency_stop(self) -> None:
-        """Stop the arm now, and latch it."""
-
-    def reset(self) -> None:
-        """Take the latch back."""
-
-    def end_run(self) -> None:
-        """Bring the arm to rest and end the run."""
-
-    def pause(self, paused: bool) -> None:
-        """Hold the run after the trial under way, or let it go on."""
+_NOTHING: FloatArray = np.zeros((1, 2, 3), dtype=np.float32)
+"""Browsers draw nothing from an empty array, and this as nothing."""
 
 
 class Page:
@@ -66,17 +56,15 @@ class Page:
     """
 
     def __init__(
-        self, server: viser.ViserServer, arm: ArmConfig, view: Viewpoint, controls: Controls
+        self, server: viser.ViserServer, arm: ArmConfig, view: Viewpoint, controls: GraphView
     ) -> None:
         self._server, self._controls = server, controls
         self._joints = [re.sub(r"[^\w .-]", "?", joint) for joint in arm.joints]  # names from a file
         self._prepare_scene(view)
         self._arm, self._ghost = self._robots(arm)
-        self._lines = {
-            "equilibrium": self._line("equilibrium", _GREY, 2.0),
-            "desired": self._line("desired", _DESIRED, 1.5),
-            "actual": self._line("actual", _ACTUAL, 4.0),
-        }
+        self._equilibrium = self._line("equilibrium", _GREY, 2.0)
+        self._desired = self._line("desired", _DESIRED, 1.5)
+        self._actual = self._line("actual", _ACTUAL, 4.0)
         self._earlier: list[Any] = []
         self._buttons_and_words()
         self._plots = self._make_plots()
@@ -95,14 +83,14 @@ class Page:
 
     def show_plan(self, trial: LiveTrial) -> None:
         """Show what a trial is to do, once, when it begins."""
-        self._lines["desired"].points = segments(trial.desired_m)[::2]  # dashed
-        self._lines["equilibrium"].points = segments(trial.equilibrium_m)
-        self._lines["actual"].points = _nothing()
+        self._desired.points = segments(trial.desired_m)[::2]  # dashed
+        self._equilibrium.points = segments(trial.equilibrium_m)
+        self._actual.points = _NOTHING
         self._ranges.clear()
 
     def show_progress(self, trial: LiveTrial) -> None:
         """Show what a trial has done so far."""
-        self._lines["actual"].points = segments(trial.hand_m)
+        self._actual.points = segments(trial.hand_m)
         time_s = trial.error_rad.time_s
         band = [column for std in trial.std_rad.T for column in (2.0 * std, -2.0 * std)]
         self._plot("error", time_s, *(1e3 * values for values in (*trial.error_rad.values.T, *band)))
@@ -125,16 +113,16 @@ class Page:
             colour = tuple(int(c) for c in _OLDEST + share * (_YOUNGEST - _OLDEST))
             self._earlier.append(self._line(f"trial_{index}", colour, 2.0, segments(hand_m)))
 
-    def show_status(self, status: Status) -> None:
+    def show_status(self, graph: GraphView, said: Practice.Feedback) -> None:
         """Show the status in words, and enable the buttons that make sense."""
-        self._bar.value = 100.0 * status.progress
-        text = status_html(status)
+        self._bar.value = 100.0 * said.progress
+        text = status_html(graph, said)
         if text == self._said:
             return
         self._said = text
         self._words.content = _inset(text)
-        self._reset.disabled = not status.stopped
-        self._pause.visible, self._go_on.visible = not status.paused, status.paused
+        self._reset.disabled = not graph.stopped
+        self._pause.visible, self._go_on.visible = not graph.paused, graph.paused
 
     def _plot(self, name: str, time_s: FloatArray, *series: FloatArray) -> None:
         """Plot series over time, NaN where nothing is known yet; with NaN, uPlot finds no ranges."""
@@ -170,29 +158,23 @@ class Page:
             urdf = _load(Path(arm.urdf))
             self._server.scene.add_frame("/arm", show_axes=False)
             self._ghost_frame = self._server.scene.add_frame("/ghost", show_axes=False, visible=False)
-            return (
-                _Robot(ViserUrdf(self._server, urdf, root_node_name="/arm"), arm.joints),
-                _Robot(
-                    ViserUrdf(self._server, urdf, root_node_name="/ghost", mesh_color_override=_GHOST),
-                    arm.joints,
-                ),
-            )
+            drawn = ViserUrdf(self._server, urdf, root_node_name="/arm")
+            ghost = ViserUrdf(self._server, urdf, root_node_name="/ghost", mesh_color_override=_GHOST)
+            return _Robot(drawn, arm.joints), _Robot(ghost, arm.joints)
         except InputFileError:
             raise
         except Exception as error:  # its mesh readers raise anything
             raise ViewError(f"{arm.urdf} cannot be drawn: {error!r}") from error
 
-    def _line(
-        self, name: str, colour: tuple[int, ...], width: float, points: FloatArray | None = None
-    ) -> Any:
+    def _line(self, name: str, colour: tuple[int, ...], width: float, points: FloatArray = _NOTHING) -> Any:
         return self._server.scene.add_line_segments(
-            f"/paths/{name}", _nothing() if points is None else points, colour,
+            f"/paths/{name}", points, colour,
             thickness=width, thickness_units="screen",
         )  # fmt: skip
 
     def _buttons_and_words(self) -> None:
         gui, controls = self._server.gui, self._controls
-        stop = gui.add_button("EMERGENCY STOP", color=_RED, icon=viser.Icon.ALERT_OCTAGON)
+        stop = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.ALERT_OCTAGON)
         stop.on_click(lambda _: controls.emergency_stop())
         self._words = gui.add_html("")
         self._bar = gui.add_progress_bar(0.0)
@@ -275,15 +257,11 @@ def _inset(html: str) -> str:
 def segments(points_m: FloatArray) -> FloatArray:
     """Return the segments between points of shape (n, 3), none to or from NaN.
 
-    Shape (n_segments, 2, 3); at least one: browsers draw nothing from an empty array.
+    Shape (n_segments, 2, 3), at least one.
     """
     segments: Any = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
-    return segments if len(segments) else _nothing()
-
-
-def _nothing() -> FloatArray:
-    return np.zeros((1, 2, 3), dtype=np.float32)
+    return segments if len(segments) else _NOTHING
 
 
 def _scales(end_s: float, most: float) -> dict[str, uplot.Scale]:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
+from typing import TYPE_CHECKING
 
-from tel_ros.app.view.live_trial import EndedTrial
-from tel_ros.core.trial import Phase
+from tel_ros.core.trial import Outcome, Phase
+
+if TYPE_CHECKING:
+    from tel_interfaces.action import Practice
+    from tel_interfaces.msg import TrialResult
+
+    from tel_ros.app.view.graph import GraphView
 
 SILENCE_S = 1.0
 """Without a joint state for this long, the page says that its picture is old."""
@@ -19,26 +24,25 @@ _TABLE_STYLE = (
 )
 
 
-def trials_html(trials: Sequence[EndedTrial]) -> str:
-    """Return the table of the trials that have ended, the newest first."""
-    rows = "".join(map(_row, reversed(trials)))
+def trials_html(trials: Sequence[tuple[TrialResult, str]]) -> str:
+    """Return the table of the trials that have ended, each with its reason, the newest first."""
+    rows = "".join(_row(result, reason) for result, reason in reversed(trials))
     if not rows:
         return '<p data-testid="trials">No trial has ended since this page was opened.</p>'
     head = "<tr><th>trial</th><th>α</th><th>time s</th><th>RMS rad</th><th>max rad</th><th></th></tr>"
     return f'{_TABLE_STYLE}<table class="tel" data-testid="trials">{head}{rows}</table>'
 
 
-def _row(trial: EndedTrial) -> str:
-    note = trial.outcome if trial.outcome != "completed" else ""
+def _row(trial: TrialResult, reason: str) -> str:
     cells = (
         str(trial.index),
         f"{trial.alpha:.3f}",
         f"{trial.duration_s:.2f}",
         number(trial.rms_error_rad, 4),
         number(trial.max_error_rad, 3),
-        escape(note),
+        "" if trial.outcome == Outcome.COMPLETED else Outcome(trial.outcome).text,
     )
-    return f'<tr title="{escape(trial.reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
+    return f'<tr title="{escape(reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
 
 
 def number(value: float, decimals: int) -> str:
@@ -46,53 +50,28 @@ def number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
 
 
-@dataclass(frozen=True)
-class Status:
-    """What is known at a moment."""
-
-    arm_age_s: float
-    """Since the last joint state came; inf: none has."""
-    phase: Phase
-    trial: int
-    trials: int
-    stage: str
-    alpha: float
-    duration_s: float
-    max_error_rad: float
-    progress: float
-    stopped: bool
-    paused: bool
-    answer: str
-    """The last answer to a button."""
-    is_open_ended: bool = False
-    """Whether the strategy decides as it goes, so that the number of trials is a guess."""
-    alarm: bool = False
-    """Whether that answer is bad news."""
-
-
-def status_html(status: Status) -> str:
-    """Return the status of the run and of the arm."""
+def status_html(graph: GraphView, said: Practice.Feedback) -> str:
+    """Return the status of the run and of the arm: what is heard from the graph, and the run's feedback."""
     lines = []
-    if status.stopped:
+    if graph.stopped:
         lines.append(_line("stopped", "EMERGENCY STOP: nothing moves before the reset", "#c92a2a"))
-    if status.arm_age_s > SILENCE_S:
-        since = f"for {status.arm_age_s:.0f} s" if math.isfinite(status.arm_age_s) else "yet"
+    if (age_s := graph.arm_age_s) > SILENCE_S:
+        since = f"for {age_s:.0f} s" if math.isfinite(age_s) else "yet"
         lines.append(_line("silence", f"no joint states {since}: what you see is not what is", "#c92a2a"))
-    if status.paused:
-        what = "paused" if status.stage == "paused" else "pauses after this trial"
+    if graph.paused:
+        what = "paused" if said.stage == "paused" else "pauses after this trial"
         lines.append(_line("paused", what, "#e67700"))
-    total = f"about {status.trials}" if status.is_open_ended else f"{status.trials}"
-    about = f"trial {status.trial} of {total}" if status.trial else "no trial"
+    # A strategy that gives reasons decides as it goes: the number of trials is a guess.
+    total = f"about {said.trials}" if said.reason else f"{said.trials}"
+    about = f"trial {said.trial} of {total} · α {said.alpha:.3f}" if said.trial else "no trial"
+    lines.append(f'<div style="font-size:18px" data-testid="trial">{about}</div>')
+    phase = graph.sample.phase if graph.sample is not None else Phase.IDLE
     lines.append(
-        f'<div style="font-size:18px" data-testid="trial">{about}'
-        f"{f' · α {status.alpha:.3f}' if status.trial else ''}</div>"
+        f'<div data-testid="phase">{escape(said.stage or "–")} · {phase.name.lower()} · '
+        f"{number(said.duration_s, 2)} s · error up to {number(said.max_error_rad, 3)} rad</div>"
     )
-    lines.append(
-        f'<div data-testid="phase">{escape(status.stage or "–")} · {status.phase.name.lower()} · '
-        f"{number(status.duration_s, 2)} s · error up to {number(status.max_error_rad, 3)} rad</div>"
-    )
-    if status.answer:
-        lines.append(_line("answer", status.answer, "#c92a2a" if status.alarm else "#2b8a3e"))
+    if graph.answer:
+        lines.append(_line("answer", graph.answer, "#c92a2a" if graph.alarm else "#2b8a3e"))
     return f'<div data-testid="status" style="font-size:13px;line-height:1.5">{"".join(lines)}</div>'
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,6 @@ from tel_ros.app.view.live_trial import (
     KEPT_PATHS,
     MEASURED_POINTS,
     PATH_POINTS,
-    EndedTrial,
     GridSeries,
     History,
     LiveTrial,
@@ -18,10 +20,10 @@ from tel_ros.app.view.live_trial import (
     magnitude,
     round_up,
 )
-from tel_ros.app.view.words import Status, status_html, trials_html
+from tel_ros.app.view.words import status_html, trials_html
 from tel_ros.core.kinematics import ChainJoint, SerialChain
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.trial import Phase, TrialGoal
+from tel_ros.core.trial import Outcome, Phase, TrialGoal
 
 SCRIPT = "<img src=x onerror=alert(1)>"
 
@@ -142,8 +144,9 @@ def test_there_is_no_band_while_nothing_is_known(std_rad: float | None) -> None:
     assert np.isnan(live.std_rad).all()
 
 
-def ended(index: int, outcome: str = "completed", reason: str = "") -> EndedTrial:
-    return EndedTrial(index, 0.5, 4.0, 0.01234, 0.0567, outcome, reason)
+def ended(index: int, outcome: Outcome = Outcome.COMPLETED, reason: str = "") -> tuple[Any, str]:
+    numbers = {"alpha": 0.5, "duration_s": 4.0, "rms_error_rad": 0.01234, "max_error_rad": 0.0567}
+    return SimpleNamespace(index=index, outcome=outcome, **numbers), reason
 
 
 def moved(index: int) -> LiveTrial:
@@ -155,69 +158,68 @@ def moved(index: int) -> LiveTrial:
 
 def test_the_table_has_a_row_a_trial_and_the_newest_first() -> None:
     history = History()
-    history.end(ended(1), None)
-    history.end(ended(2, "aborted", "it left the corridor"), None)
+    history.end(*ended(1), None)
+    history.end(*ended(2, Outcome.ABORTED, "it left the path tolerance"), None)
     table = trials_html(history.trials)
     assert table.index("<td>2</td>") < table.index("<td>1</td>")
     assert "0.0123" in table
     assert "aborted" in table
-    assert 'title="it left the corridor"' in table
+    assert 'title="it left the path tolerance"' in table
 
 
 def test_paths_of_the_last_trials_are_kept_and_a_new_run_begins_without_any() -> None:
     history = History()
     for index in range(1, KEPT_PATHS + 3):
-        history.end(ended(index), moved(index))
+        history.end(*ended(index), moved(index))
     assert [index for index, _ in history.paths] == list(range(3, KEPT_PATHS + 3))
-    history.end(ended(1), moved(1))
+    history.end(*ended(1), moved(1))
     assert [index for index, _ in history.paths] == [1]
-    assert [row.index for row in history.trials] == [1]
+    assert [result.index for result, _ in history.trials] == [1]
 
 
 def test_a_trial_that_is_told_twice_has_one_row() -> None:
     history = History()
     for index in (1, 2, 2):
-        history.end(ended(index), moved(index))
-    assert [row.index for row in history.trials] == [1, 2]
+        history.end(*ended(index), moved(index))
+    assert [result.index for result, _ in history.trials] == [1, 2]
     assert [index for index, _ in history.paths] == [1, 2]
 
 
 def test_a_trial_of_which_another_was_seen_has_no_path() -> None:
     history = History()
-    history.end(ended(2), moved(1))
+    history.end(*ended(2), moved(1))
     assert not history.paths
 
 
-def status(**changed: object) -> Status:
-    values = {
-        **{"arm_age_s": 0.1, "phase": Phase.RUN, "trial": 3, "trials": 15, "stage": "moving"},
-        **{"alpha": 0.5, "duration_s": 9.0, "max_error_rad": float("nan"), "progress": 0.2},
-        **{"stopped": False, "paused": False, "answer": ""},
-    }
-    return Status(**{**values, **changed})
+def status(**changed: object) -> str:
+    """Return the words about a graph and its feedback, with some of their values changed."""
+    graph = {"arm_age_s": 0.1, "sample": sample(0.1), "stopped": False, "paused": False}
+    said = {"trial": 3, "trials": 15, "stage": "moving", "reason": "", "alpha": 0.5, "duration_s": 9.0}
+    values = {**graph, "answer": "", "alarm": False, **said, "max_error_rad": float("nan"), **changed}
+    return status_html(SimpleNamespace(**values), SimpleNamespace(**values))
 
 
 def test_what_comes_from_outside_is_text_on_the_page_and_nothing_else() -> None:
     history = History()
-    history.end(ended(1, SCRIPT, f'"{SCRIPT}'), None)
-    for html in (trials_html(history.trials), status_html(status(stage=SCRIPT, answer=SCRIPT))):
+    history.end(*ended(1, reason=f'"{SCRIPT}'), None)
+    for html in (trials_html(history.trials), status(stage=SCRIPT, answer=SCRIPT)):
         assert "<img" not in html
         assert "&lt;img" in html
     assert 'title="&quot;&lt;img' in trials_html(history.trials)
 
 
 def test_a_number_of_trials_that_is_a_guess_is_said_to_be_one() -> None:
-    assert "trial 3 of 15 " in status_html(status())
-    assert "trial 3 of about 15 " in status_html(status(is_open_ended=True))
+    assert "trial 3 of 15 " in status()
+    assert "trial 3 of about 15 " in status(reason="the largest step that is allowed")
 
 
 def test_the_words_tell_a_stop_a_pause_and_an_arm_that_is_silent() -> None:
-    assert not any(word in status_html(status()) for word in ("EMERGENCY", "pause", "no joint states"))
-    assert "EMERGENCY STOP" in status_html(status(stopped=True))
-    assert "pauses after this trial" in status_html(status(paused=True))
-    assert ">paused<" in status_html(status(paused=True, stage="paused"))
-    assert "no joint states for 5 s" in status_html(status(arm_age_s=5.0))
-    assert "no joint states yet" in status_html(status(arm_age_s=float("inf")))
+    assert not any(word in status() for word in ("EMERGENCY", "pause", "no joint states"))
+    assert "EMERGENCY STOP" in status(stopped=True)
+    assert "pauses after this trial" in status(paused=True)
+    assert ">paused<" in status(paused=True, stage="paused")
+    assert "no joint states for 5 s" in status(arm_age_s=5.0)
+    assert "no joint states yet" in status(arm_age_s=float("inf"))
 
 
 @pytest.mark.parametrize(("missing", "towards"), [(2, (0, 0, 1)), (1, (0, -1, 0)), (0, (1, 0, 0))])
