@@ -5,13 +5,12 @@ from __future__ import annotations
 import click
 
 from tel_ros import __version__
-from tel_ros.app.command_group import CommandGroup
-from tel_ros.app.extensions import extensions
+from tel_ros.app.command_group import CommandGroup, extensions
 
 COMMANDS = {
     "bag": "tel_ros.app.bag.command:bag",
     "check": "tel_ros.app.check.command:check",
-    "configs": "tel_ros.app.configs_command:configs",
+    "configs": "tel_ros.app.config_argument:configs",
     "predict": "tel_ros.app.predict_command:predict",
     "practice": "tel_ros.app.practice_command:practice",
     "replay": "tel_ros.app.replay_command:replay",
@@ -22,13 +21,9 @@ COMMANDS = {
 """Where each command is. Other packages add theirs as entry points of the group ``tel_ros.commands``."""
 
 
-def _places() -> dict[str, str]:
-    return extensions("tel_ros.commands") | COMMANDS
-
-
 @click.group(
     cls=CommandGroup,
-    places=_places,
+    places=lambda: extensions("tel_ros.commands") | COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__, prog_name="tel")

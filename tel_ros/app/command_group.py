@@ -1,23 +1,22 @@
-"""Groups of commands: imported when they are needed, with one way out for errors."""
+"""Groups of commands: imported when they are needed, from other packages too, with one way out for errors."""
 
 from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any, NoReturn
 
 import click
 
-from tel_ros.app.errors import (
-    EXIT_BAD_INPUT,
-    EXIT_GRAPH_FAILED,
-    EXIT_INTERRUPTED,
-    GraphError,
-    end,
-    wants_traceback,
-)
-from tel_ros.app.extensions import load
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, end, wants_traceback
 from tel_ros.core.errors import TelError
+
+_LABORATORY = "tel_lab"
+"""A package of the same distribution. Its ``ENTRY_POINTS`` (group → name → "module:attribute") is what
+setup.py installs; it is also read here, because a checkout keeps the entry points it was installed with."""
 
 _COMES_WITH = {
     "jinja2": "pip install 'tel_ros[report]'",
@@ -30,11 +29,24 @@ _COMES_WITH = {
 """Python module to what installs it, for the parts of tel that not everybody needs."""
 
 
+def extensions(group: str) -> dict[str, str]:
+    """Return the name and the place ("module:attribute") of everything that packages offer in a group."""
+    places = {point.name: point.value for point in entry_points(group=group)}
+    if find_spec(_LABORATORY) is None:
+        # Installed once, but not there: a checkout without it.
+        return {name: place for name, place in places.items() if not place.startswith(f"{_LABORATORY}.")}
+    return places | getattr(import_module(_LABORATORY), "ENTRY_POINTS", {}).get(group, {})
+
+
+def load(place: str) -> Any:
+    """Return what is at a place ("module:attribute")."""
+    return EntryPoint(name="", value=place, group="").load()
+
+
 class LazyGroup(click.Group):
     """A group that imports a command only when it is asked for.
 
-    Args:
-        places: returns the name and the place ("module:attribute") of each command.
+    ``places`` returns the name and the place ("module:attribute") of each command.
     """
 
     def __init__(
@@ -85,7 +97,7 @@ class CommandGroup(LazyGroup):
         except TelError as error:
             end(str(error), EXIT_BAD_INPUT)
         except ModuleNotFoundError as error:
-            if (error.name or "").split(".")[0] not in _COMES_WITH:
+            if _source(error) is None:
                 _end_unexpected(error)
             end(f"this {missing_module(error)}", EXIT_GRAPH_FAILED)
         except Exception as error:
@@ -94,8 +106,12 @@ class CommandGroup(LazyGroup):
 
 def missing_module(error: ModuleNotFoundError) -> str:
     """Return which module is missing, and what it comes with if it is one of ours."""
-    source = _COMES_WITH.get((error.name or "").split(".")[0])
+    source = _source(error)
     return f"needs the Python module {error.name}" + (f", which comes with {source}" if source else "")
+
+
+def _source(error: ModuleNotFoundError) -> str | None:
+    return _COMES_WITH.get((error.name or "").split(".")[0])
 
 
 def _end_unexpected(error: Exception) -> NoReturn:

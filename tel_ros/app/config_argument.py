@@ -1,17 +1,19 @@
-"""What several commands take: CONFIG, a file or the name of a shipped configuration, and ``--namespace``."""
+"""CONFIG of a command (a file, or the name of a shipped one), ``--namespace``, and ``tel configs``."""
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
+from rich.console import Console
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, end
+from tel_ros.app.tables import simple_table
 from tel_ros.core.errors import TelError
-from tel_ros.recording.shared_files import named_config, shipped_configs
+from tel_ros.recording.shared_files import config_folder, named_config, shipped_configs, summary_of
 
 
 class ConfigFile(click.ParamType):
@@ -21,10 +23,7 @@ class ConfigFile(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the file; one that does not exist is left to the reader, which says so."""
-        try:
-            return named_config(str(value))
-        except TelError as error:
-            end(str(error), EXIT_BAD_INPUT)
+        return named_config(str(value))
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -60,3 +59,24 @@ namespace_option = click.option(
     default="/",
     help="ROS namespace of the arm and of all nodes, e.g. left: two arms can practise side by side.",
 )
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print names, files and texts as JSON on stdout.")
+def configs(as_json: bool) -> None:
+    """List the configurations that come with tel.
+
+    Their names can be given wherever a command takes CONFIG: `tel practice paper`. To change more than a few
+    keys (--set), copy a file from the folder that this prints, together with the arm that it names.
+    """
+    files, folder = shipped_configs(), config_folder()
+    rows = [{"name": name, "file": str(file), "about": summary_of(file)} for name, file in files.items()]
+    if as_json:
+        click.echo(json.dumps(rows, indent=2))
+        return
+    table = simple_table("name", "about", left=("name", "about"))
+    for row in rows:
+        table.add_row(row["name"], row["about"])
+    console = Console()
+    console.print(table)
+    console.print(f"folder  {folder}", highlight=False, soft_wrap=True)

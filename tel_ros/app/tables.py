@@ -9,18 +9,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-_LOG_WIDTH = 160
-"""Where there is no terminal whose width could be asked for."""
-
 
 def simple_table(*headings: str, left: Collection[str]) -> Table:
     """Return an empty table; columns are aligned to the right unless their headings are in ``left``."""
     table = Table(box=box.SIMPLE_HEAD)
     for heading in headings:
-        if heading in left:
-            table.add_column(heading, overflow="fold")
-        else:
-            table.add_column(heading, justify="right")
+        style: dict[str, Any] = {"overflow": "fold"} if heading in left else {"justify": "right"}
+        table.add_column(heading, **style)
     return table
 
 
@@ -28,7 +23,7 @@ def show(table: Table) -> None:
     """Print a table on stdout."""
     console = Console()
     if not console.is_terminal:
-        console.width = _LOG_WIDTH
+        console.width = 160
     console.print(table)
 
 
@@ -42,15 +37,8 @@ def compact_table(*headings: str) -> Table:
 
 def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
     """Return the trials of a summary as a table."""
-    table = compact_table(
-        "trial",
-        "α",
-        "duration\ns",
-        "RMS error\nrad",
-        "max error\nrad",
-        "training error\nbefore → after rad",
-        "outcome",
-    )
+    errors = ("RMS error\nrad", "max error\nrad", "training error\nbefore → after rad")
+    table = compact_table("trial", "α", "duration\ns", *errors, "outcome")
     for trial in trials:
         table.add_row(
             str(trial["index"]),

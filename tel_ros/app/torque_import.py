@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +25,6 @@ from tel_ros.recording.shared_files import named_file
 from tel_ros.recording.urdf import arm_description
 
 POOR_NMSE = 0.1
-_SEED = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,16 +105,27 @@ class ImportReport:
     def as_plain(self) -> dict[str, Any]:
         """Return it as values that JSON holds; null for what is not finite."""
         held_out = self.fit.held_out
+        joints = [
+            {
+                "joint": excited.joint,
+                "nmse": float(held_out.nmse[j]),
+                "rms_nm": float(held_out.rms_nm[j]),
+                "expected_rms_nm": float(held_out.expected_rms_nm[j]),
+                "torque_std_nm": float(self.torque_std_nm[j]),
+                **asdict(excited),
+            }
+            for j, excited in enumerate(self.excitation.joints)
+        ]
         plain: dict[str, Any] = json_ready(
             {
                 "network": str(self.network),
                 "revision": self.revision,
                 "predicts": "torque",
                 "learner": self.learner,
-                "recordings": list(self.recordings),
+                "recordings": self.recordings,
                 "unbroken_parts": self.n_parts,
                 "learned_s": self.learned_s,
-                "cutoff_hz": list(self.cutoff_hz),
+                "cutoff_hz": self.cutoff_hz,
                 "held_out": {
                     "blocks": self.fit.n_blocks,
                     "block_s": self.fit.block_s,
@@ -124,22 +134,8 @@ class ImportReport:
                     "extrapolated_share": held_out.extrapolated,
                 },
                 "condition": self.excitation.condition,
-                "joints": [
-                    {
-                        "joint": excited.joint,
-                        "nmse": float(held_out.nmse[j]),
-                        "rms_nm": float(held_out.rms_nm[j]),
-                        "expected_rms_nm": float(held_out.expected_rms_nm[j]),
-                        "torque_std_nm": float(self.torque_std_nm[j]),
-                        "position_rad": list(excited.position_rad),
-                        "velocity_rad_s": excited.velocity_rad_s,
-                        "acceleration_rad_s2": excited.acceleration_rad_s2,
-                        "condition": excited.condition,
-                        "acceleration_snr": excited.acceleration_snr,
-                    }
-                    for j, excited in enumerate(self.excitation.joints)
-                ],
-                "warnings": list(self.warnings),
+                "joints": joints,
+                "warnings": self.warnings,
             }
         )
         return plain
@@ -182,7 +178,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
                 damping_nms_per_rad=(0.0,) * len(joints),
                 input_range=input_range,
                 learning=learning,
-                seed=_SEED,
+                seed=1,
                 urdf=urdf,
                 predicts="torque",
                 std_factor=tuple(std_factor.tolist()),
@@ -209,8 +205,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
 
 def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str:
     """Return how much of a prediction is extrapolated, and why; empty if none of it is."""
-    n = len(prediction.extrapolated)
-    n_extrapolated = int(np.count_nonzero(prediction.extrapolated))
+    n, n_extrapolated = len(prediction.extrapolated), int(np.count_nonzero(prediction.extrapolated))
     if not n_extrapolated:
         return ""
     joints = learner.context.joints
@@ -223,8 +218,8 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
         named = [j for j, u in zip(joints, np.any(prediction.uncertain, axis=0), strict=True) if u]
         reasons.append(f"as uncertain as a guess ({', '.join(named)})")
     faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
-    share = n_extrapolated / n
-    return f"{n_extrapolated} of {n} points ({share:.1%}) are extrapolated: {'; '.join(reasons)}{faster}"
+    share = f"{n_extrapolated} of {n} points ({n_extrapolated / n:.1%})"
+    return f"{share} are extrapolated: {'; '.join(reasons)}{faster}"
 
 
 def _recording_report(recording: JointRecording) -> dict[str, Any]:
@@ -251,8 +246,8 @@ def _fit_warnings(
             "been learned: a learner that knows rigid links (--urdf) needs less data; if it is one, are the "
             "efforts in N·m at the joint, and do names fit columns?"
         )
-    lost_s = sum(r.duration_s for r in recordings) - sum(len(p) * p.period_s for p in parts)
     whole_s = sum(r.duration_s for r in recordings)
+    lost_s = whole_s - sum(len(p) * p.period_s for p in parts)
     if lost_s > 0.1 * whole_s:
         found.append(
             f"{lost_s:.3g} of {whole_s:.3g} s lie in gaps, in parts that are too short, or at the "

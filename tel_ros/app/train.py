@@ -1,22 +1,29 @@
-"""The command ``tel train``."""
+"""``tel train``: a network from the bags of practice runs, or with ``--import`` from other recordings."""
 
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
-from rich.table import Table
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
-from tel_ros.app.import_command import given_options, import_options, run_import
-from tel_ros.app.tables import compact_table, number, training_error
-from tel_ros.core.errors import TelError
+from tel_ros.app.errors import EXIT_INTERRUPTED, end
+from tel_ros.app.tables import compact_table, number, show, simple_table, training_error
 
 if TYPE_CHECKING:
+    from tel_ros.app.torque_import import ImportReport
     from tel_ros.recording.retraining import Retraining
+
+
+def _import_option(name: str, about: str, **settings: Any) -> Any:
+    return click.option(name, help=f"With --import: {about}", **settings)
+
+
+_default = partial(_import_option, show_default=True)
 
 
 @click.command()
@@ -39,7 +46,26 @@ if TYPE_CHECKING:
     "--json", "as_json", is_flag=True, help="Print what came out as JSON, and nothing else, on stdout."
 )
 @click.option("--import", "imports", is_flag=True, help="BAGs are recordings that other programs made.")
-@import_options
+@_default(
+    "--learner", "rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.", default="rigid_body"
+)
+@_import_option("--urdf", "URDF of the arm (or package://…); for rigid_body.", default="")
+@_import_option("--topic", "topic of the bags. Default: the one that has efforts.", default="")
+@_import_option("--joints", "joints to learn, a,b,c. Default: all that have efforts.", default="")
+@_default("--rate-hz", "rate of the samples that are learned from, at most.", type=float, default=200.0)
+@_import_option("--cutoff-hz", "zero-phase low-pass, 0 for none. Default: chosen from the data.", type=float)
+@_default(
+    "--weights",
+    "how trees find their weights.",
+    type=click.Choice(["least_squares", "lms"]),
+    default="least_squares",
+)
+@_default(
+    "--max-subtrees",
+    "that grow for each joint; with many joints each of them costs much time.",
+    type=click.IntRange(min=0),
+    default=2,
+)
 @click.pass_context
 def train(
     context: click.Context,
@@ -68,26 +94,38 @@ def train(
         wrong = {"--set": overrides, "--force": force}
         if given := [name for name, value in wrong.items() if value]:
             raise click.UsageError(f"{' and '.join(given)} cannot be used with --import")
-        run_import(bags, out, as_json, **import_settings)
+        _run_import(bags, out, as_json, **import_settings)
         return
-    if given := given_options(context):
+    source = context.get_parameter_source
+    of_import = [option for option in context.command.params if option.name in import_settings]
+    given = [each.opts[0] for each in of_import if source(each.name) is not ParameterSource.DEFAULT]
+    if given:
         raise click.UsageError(f"{' and '.join(given)} can only be used with --import")
     from tel_ros.recording.retraining import train as train_on  # late: `tel --help` needs no learners
 
-    def show(bag: Path) -> None:
+    def learned(bag: Path) -> None:
         click.echo(f"learned  {bag}", err=True)
 
     try:
-        retraining = train_on(bags, out, overrides, force=force, on_lesson=show)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
+        retraining = train_on(bags, out, overrides, force=force, on_lesson=learned)
     except KeyboardInterrupt:
         end("interrupted: no network was written", EXIT_INTERRUPTED)
     if as_json:
         click.echo(json.dumps(retraining.as_dict(), indent=2))
         return
+    errors = ("RMS error\nrad", "training error\nbefore → after rad")
+    table = compact_table("bag", "trial", "duration\ns", *errors, "outcome")
+    for row in retraining.lessons:
+        table.add_row(
+            Path(row["bag"]).name,
+            str(row["index"]),
+            f"{row['duration_s']:.3f}",
+            number(row["rms_error_rad"]),
+            training_error(row),
+            row["outcome"],
+        )
     console = Console()
-    console.print(_table(retraining))
+    console.print(table)
     lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in retraining.lessons]
     lines += [f"network  {retraining.network}", f"revision {retraining.revision}: {_comparison(retraining)}"]
     for line in filter(None, lines):
@@ -102,22 +140,51 @@ def _comparison(retraining: Retraining) -> str:
     return "some bags do not tell which network commanded them"
 
 
-def _table(retraining: Retraining) -> Table:
-    table = compact_table(
-        "bag",
-        "trial",
-        "duration\ns",
-        "RMS error\nrad",
-        "training error\nbefore → after rad",
-        "outcome",
-    )
-    for row in retraining.lessons:
+def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str, **settings: Any) -> None:
+    """Learn torque from recordings, and print how good it is."""
+    # Imported late: it takes half a second.
+    from tel_ros.app.torque_import import ImportRequest, import_and_train
+
+    names = tuple(name.strip() for name in joints.split(",") if name.strip())
+    report = import_and_train(ImportRequest(sources=bags, out=out, joints=names, **settings))
+    for warning in report.warnings:
+        click.echo(f"tel: warning: {warning}", err=True)
+    if as_json:
+        click.echo(json.dumps(report.as_plain(), indent=2, allow_nan=False))
+    else:
+        _show_import(report)
+
+
+def _show_import(report: ImportReport) -> None:
+    numbers = ("nMSE", "RMS error N·m", "expected", "torque N·m", "from … to rad", "rad/s", "rad/s²", "cond.")
+    table = simple_table("joint", *numbers, left=("joint",))
+    held_out = report.fit.held_out
+    for j, excited in enumerate(report.excitation.joints):
         table.add_row(
-            Path(row["bag"]).name,
-            str(row["index"]),
-            f"{row['duration_s']:.3f}",
-            number(row["rms_error_rad"]),
-            training_error(row),
-            row["outcome"],
+            excited.joint,
+            f"{held_out.nmse[j]:.4f}",
+            f"{held_out.rms_nm[j]:.3g}",
+            f"{held_out.expected_rms_nm[j]:.3g}",
+            f"{report.torque_std_nm[j]:.3g}",
+            f"{excited.position_rad[0]:.2f} … {excited.position_rad[1]:.2f}",
+            f"{excited.velocity_rad_s:.2f}",
+            f"{excited.acceleration_rad_s2:.2f}",
+            f"{excited.condition:.2g}",
         )
-    return table
+    show(table)
+    low, high = report.cutoff_hz
+    band = f"{low:.3g} Hz" if low == high else f"{low:.3g} to {high:.3g} Hz"
+    for r in report.recordings:
+        click.echo(
+            f"recorded  {r['source']}: {r['n_samples']} samples in {r['duration_s']:.4g} s, "
+            f"{r['rate_hz']:.4g} Hz, jitter {1e3 * r['jitter_s']:.2g} ms"
+        )
+    click.echo(
+        f"learned   {report.learned_s:.4g} s in {report.n_parts} unbroken parts, up to {band}, "
+        f"by {report.learner}"
+    )
+    click.echo(
+        f"held out  mean nMSE {held_out.nmse.mean():.4f}: {report.fit.n_blocks} blocks of "
+        f"{report.fit.block_s:.3g} s, every fifth not learned from in turn"
+    )
+    click.echo(f"network   {report.network} (predicts torque; revision {report.revision})")

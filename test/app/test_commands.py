@@ -14,7 +14,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tel_ros.app import bring_up, config_argument, extensions
+from tel_ros.app import bring_up, command_group, config_argument
 from tel_ros.app.cli import COMMANDS, main
 from tel_ros.app.command_group import CommandGroup
 from tel_ros.core.errors import ConfigError
@@ -206,13 +206,13 @@ def test_a_command_that_cannot_be_imported_spoils_no_other() -> None:
 
 def test_without_the_laboratory_its_installed_commands_are_absent(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint(name="greet", value="tel_lab.greet:greet", group="tel_ros.commands")
-    monkeypatch.setattr(extensions, "entry_points", lambda group: [point])
-    monkeypatch.setattr(extensions, "find_spec", lambda name: None)
+    monkeypatch.setattr(command_group, "entry_points", lambda group: [point])
+    monkeypatch.setattr(command_group, "find_spec", lambda name: None)
     assert CliRunner().invoke(main, ["greet"]).exit_code == 2
     assert "greet" not in CliRunner().invoke(main, ["--help"]).output
 
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    point = EntryPoint(name="theirs", value="tel_ros.app.configs_command:configs", group="tel_ros.commands")
-    monkeypatch.setattr(extensions, "entry_points", lambda group: [point])
+    point = EntryPoint(name="theirs", value="tel_ros.app.config_argument:configs", group="tel_ros.commands")
+    monkeypatch.setattr(command_group, "entry_points", lambda group: [point])
     assert CliRunner().invoke(main, ["theirs", "--json"]).exit_code == 0

@@ -43,14 +43,7 @@ from tel_ros.app.report.text import enumeration, seconds, significant, trial_lab
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import FloatArray, evenly_spaced
 
-_PAGE_IN = 9.7
-"""Height of what fits on a page with its caption."""
-_PATH_COLUMNS = 3
 _TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
-_BAND_ALPHA = 0.2
-_BAND_POINTS = 400
-_BAND_LABEL = "±2 standard deviations that the network expected of its command"
-_NOT_COMPLETED: dict[str, Any] = {"color": PURPLE, "alpha": 0.22, "linewidth": 0.0}
 _START: dict[str, Any] = {
     "marker": "o",
     "markersize": 5.0,
@@ -102,7 +95,7 @@ def path_panels(
 
 def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figure:
     """Return [Practice] Fig. 2: desired, actual and equilibrium path of the hand, three in a row."""
-    columns = min(_PATH_COLUMNS, len(panels))
+    columns = min(3, len(panels))
     rows = math.ceil(len(panels) / columns)
     *corners_m, aspect = _frame(panels)
     panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
@@ -222,7 +215,7 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
         for trial, colour in shown:
             if with_band:
                 _draw_band(axes, trial, colour, joint)
-            _draw_error(axes, trial, colour, joint)
+            draw_error(axes, trial, joint, {}, color=colour, linewidth=1.1)
         if column == 0:
             axes.set_ylabel("actual − desired [rad]")
     handles: list[Artist] = list(_trial_handles(drawn))
@@ -230,27 +223,29 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
         handles.append(key("broken off", **BROKEN_OFF))
     rows = [handles]
     if banded:
-        rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=_BAND_LABEL)])
+        band = "±2 standard deviations that the network expected of its command"
+        rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=band)])
     legend_below(figure, "constrained", rows)
     return figure
 
 
-def _draw_error(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
+def draw_error(axes: Axes, trial: DrawnTrial, joint: int, broken_off: dict[str, Any], **style: Any) -> None:
+    """Draw measured minus desired position of a joint, and where the trial was broken off if it was."""
     time, error_rad = movement_time(trial), trial.error_rad[:, joint]
-    axes.plot(time, error_rad, color=colour, linewidth=1.1)
+    axes.plot(time, error_rad, **style)
     if not trial.summary.completed:
-        axes.plot(time[-1], error_rad[-1], **BROKEN_OFF)
+        axes.plot(time[-1], error_rad[-1], **(BROKEN_OFF | broken_off))
 
 
 def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
     """Draw two standard deviations of the command, where they are finite."""
     half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
     # An area is written with all of its points, unlike a line, which is simplified.
-    rows = evenly_spaced(len(half_rad), _BAND_POINTS)
+    rows = evenly_spaced(len(half_rad), 400)
     time, half_rad = movement_time(trial)[rows], half_rad[rows]
     known = np.isfinite(half_rad)
     half_rad = np.where(known, half_rad, 0.0)
-    style: dict[str, Any] = {"color": colour, "alpha": _BAND_ALPHA, "linewidth": 0.0, "zorder": 0.8}
+    style: dict[str, Any] = {"color": colour, "alpha": 0.2, "linewidth": 0.0, "zorder": 0.8}
     axes.fill_between(time, -half_rad, half_rad, where=known, **style)
 
 
@@ -258,12 +253,11 @@ def movement_panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, li
     """Return a figure with one panel a title over the time of the movement, and the panels row by row."""
     columns = min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
-    figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, _PAGE_IN)), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, 9.7)), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    panels = list(grid.flat)
-    for axes in panels[len(titles) :]:
+    panels = list(grid.flat)[: len(titles)]
+    for axes in grid.flat[len(titles) :]:
         axes.remove()
-    panels = panels[: len(titles)]
     for place, (axes, title) in enumerate(zip(panels, titles, strict=True)):
         axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
         axes.set_title(title)
@@ -298,13 +292,11 @@ def practice_figure(trials: Sequence[TrialRow]) -> Figure:
     tracking, training, duration = figure.subplots(1, 3)
     rms = [t.rms_error_rad for t in trials]
     peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
-    before = [t.training_rms_before_rad for t in trials]
-    after = [t.training_rms_after_rad for t in trials]
     over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
     tracking.set(title="Tracking error", ylabel="error [rad]")
-    over_trials(
-        training, trials, [(before, "before learning", GREEN, "s"), (after, "after", INK, "o")], log=True
-    )
+    before = [t.training_rms_before_rad for t in trials], "before learning", GREEN, "s"
+    after = [t.training_rms_after_rad for t in trials], "after", INK, "o"
+    over_trials(training, trials, [before, after], log=True)
     training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
     over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
     duration.set(title="Duration of the movement", ylabel="duration [s]")
@@ -326,10 +318,10 @@ def over_trials(
     numbers = [trial.index for trial in trials]
     for trial in trials:
         if not trial.completed:
-            axes.axvspan(trial.index - 0.5, trial.index + 0.5, **_NOT_COMPLETED)
+            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
     for values, label, colour, marker in series:
-        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.6, "linewidth": 1.0}
-        axes.plot(numbers, values, label=label or None, **style)
+        style = {"color": colour, "marker": marker, "label": label or None}
+        axes.plot(numbers, values, markersize=3.6, linewidth=1.0, **style)
     known = [value for values, *_ in series for value in values if math.isfinite(value)]
     if log and any(value > 0.0 for value in known):
         scale_errors(axes)

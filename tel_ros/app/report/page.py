@@ -23,13 +23,7 @@ Data = TypeVar("Data")
 
 @dataclass(frozen=True)
 class Content:
-    """What a section shows.
-
-    Args:
-        figure: comes first.
-        caption: what the figure shows, or why there is none.
-        html: follows the figure.
-    """
+    """What a section shows: a figure, its caption (or why there is none), and HTML that follows."""
 
     figure: Figure | None = None
     caption: str = ""
@@ -43,8 +37,7 @@ class Section(Generic[Data]):
     Args:
         id: on the page.
         title: its heading.
-        content: makes what it shows from the data of the report; None: the section is left out. It is called
-            in the style of the figures.
+        content: makes what it shows, in the style of the figures; None: the section is left out.
         file: name of the figure's files, without ending; empty: the section never has a figure.
     """
 
@@ -55,20 +48,12 @@ class Section(Generic[Data]):
 
 
 def write_page(
-    folder: Path,
-    sections: Sequence[Section[Data]],
-    data: Data,
-    formats: Sequence[str],
-    **head: str,
+    folder: Path, sections: Sequence[Section[Data]], data: Data, formats: Sequence[str], **head: str
 ) -> Path:
-    """Write ``report.html`` and the figures of all sections into a folder.
+    """Write ``report.html`` and the figures of all sections into a folder, and return the page's path.
 
-    Args:
-        folder: of the page; exists.
-        sections: in their order.
-        data: what the sections show.
-        formats: file formats of the figures; files of an earlier report in other formats are removed.
-        head: ``title``, ``header`` and ``footer`` of the page.
+    Figures of an earlier report in other formats are removed. ``head`` is ``title``, ``header`` and
+    ``footer`` of the page.
 
     Raises:
         InputFileError: something cannot be written.

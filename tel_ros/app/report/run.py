@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,10 @@ from typing import Any
 from markupsafe import Markup
 
 from tel_ros import __version__
-from tel_ros.app.extensions import extensions, load
+from tel_ros.app.command_group import extensions, load
 from tel_ros.app.plotting import inline_svg
 from tel_ros.app.report import text
-from tel_ros.app.report.data import RunData, read_drawable, read_run
+from tel_ros.app.report.data import RunData, TrialRow, read_drawable, read_run
 from tel_ros.app.report.figures import (
     effort_figure,
     hand_path_figure,
@@ -82,37 +82,19 @@ def tracking(run: RunData) -> Content:
     return Content(tracking_figure(run.drawn, run.config.arm.joints), text.tracking_caption(run.drawn))
 
 
-def trials(run: RunData) -> Content:
-    """The numbers of each trial."""
-    return Content(html=block(_TEMPLATE, "trials", run=run, joints=run.config.arm.joints))
-
-
-def timing(run: RunData) -> Content | None:
-    """How regular the loop was; None where it was not measured, as in lockstep."""
-    measured = any(trial.timing is not None for trial in run.trials)
-    return Content(html=block(_TEMPLATE, "timing", run=run)) if measured else None
-
-
-def decisions(run: RunData) -> Content | None:
-    """Why the strategy chose these trials; None if it gave no reasons."""
-    decided = any(trial.reason for trial in run.trials)
-    return Content(html=block(_TEMPLATE, "decisions", run=run)) if decided else None
-
-
-def growth(run: RunData) -> Content:
-    """What grew in the network, trial by trial."""
-    return Content(html=block(_TEMPLATE, "growth", run=run, joints=run.config.arm.joints))
-
-
 def configuration(run: RunData) -> Content:
     """The configuration as it is in the folder of the run."""
     written = (run.folder / CONFIG_FILE).read_text(encoding="utf-8")
     return Content(html=block(_TEMPLATE, "configuration", configuration=written))
 
 
-def versions(run: RunData) -> Content:
-    """The versions of the software that made the run."""
-    return Content(html=block(_TEMPLATE, "versions", versions=run.config.versions))
+def _table(
+    macro: str, is_known: Callable[[TrialRow], Any] = lambda trial: True
+) -> Callable[[RunData], Content | None]:
+    """Return what makes a section of a macro alone, left out if nothing is known of any trial."""
+    return lambda run: (
+        Content(html=block(_TEMPLATE, macro, run=run)) if any(map(is_known, run.trials)) else None
+    )
 
 
 RESULTS: tuple[Section[RunData], ...] = (
@@ -121,24 +103,22 @@ RESULTS: tuple[Section[RunData], ...] = (
     Section("errors", "Error and duration of each trial", practice, "practice"),
     Section("torques", "Torques", effort, "effort"),
     Section("tracking", "Tracking error of the joints", tracking, "tracking"),
-    Section("trials", "Trials", trials),
-    Section("timing", "Timing of the control loop", timing),
-    Section("decisions", "Why these trials", decisions),
+    Section("trials", "Trials", _table("trials")),
+    Section("timing", "Timing of the control loop", _table("timing", lambda trial: trial.timing)),
+    Section("decisions", "Why these trials", _table("decisions", lambda trial: trial.reason)),
 )
 """Sections of other packages (entry points of the group ``tel_ros.report_sections``) follow these."""
 DETAILS: tuple[Section[RunData], ...] = (
-    Section("growth", "What grew in the network", growth),
+    Section("growth", "What grew in the network", _table("growth")),
     Section("configuration", "Configuration", configuration),
-    Section("versions", "Versions", versions),
+    Section("versions", "Versions", _table("versions")),
 )
 
 
 def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     """Write ``report.html`` and the figures of a practice run into its folder, and return the page's path.
 
-    Args:
-        folder: of the run.
-        formats: file formats of the figures; those of an earlier report in other formats are removed.
+    Figures of an earlier report in other formats are removed.
 
     Raises:
         InputFileError: the folder is not that of a run with at least one trial, or cannot be written.

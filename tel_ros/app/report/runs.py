@@ -27,7 +27,7 @@ from tel_ros.app.plotting import (
 )
 from tel_ros.app.report import text
 from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow, read_run
-from tel_ros.app.report.figures import hand_path_figure, movement_panels, movement_time, path_panels
+from tel_ros.app.report.figures import draw_error, hand_path_figure, movement_panels, path_panels
 from tel_ros.app.report.page import Content, Section, block, write_page
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.config_file import flat_values
@@ -118,12 +118,7 @@ SECTIONS: tuple[Section[Runs], ...] = (
 
 
 def write_runs_report(folders: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> Path:
-    """Write ``report.html`` and its figures on several runs into a folder, and return the page's path.
-
-    Args:
-        folders: of the runs, at least two.
-        out: the folder; is made if it is missing.
-        formats: file formats of the figures.
+    """Write ``report.html`` and its figures on two or more runs into a folder, and return the page's path.
 
     Raises:
         InputFileError: a run is given twice, there are too many, one cannot be read, or ``out`` is the folder
@@ -152,14 +147,10 @@ def errors_figure(names: Sequence[str], trials: Sequence[Sequence[TrialRow]]) ->
     over_trials, over_durations = figure.subplots(1, 2, sharey=True)
     for look, rows in zip(_looks(len(trials)), trials, strict=True):
         moved = [row for row in rows if row.reached_run]
-        for axes, places in (
-            (over_trials, [row.index for row in moved]),
-            (over_durations, [row.duration_s for row in moved]),
-        ):
-            axes.plot(places, [row.rms_error_rad for row in moved], **look)
-            for place, row in zip(places, moved, strict=True):
-                if not row.completed:
-                    axes.plot(place, row.rms_error_rad, **(BROKEN_OFF | {"markersize": 8.0}))
+        for axes, place in ((over_trials, "index"), (over_durations, "duration_s")):
+            axes.plot([getattr(row, place) for row in moved], [row.rms_error_rad for row in moved], **look)
+            for row in (row for row in moved if not row.completed):
+                axes.plot(getattr(row, place), row.rms_error_rad, **(BROKEN_OFF | {"markersize": 8.0}))
     if any(row.rms_error_rad > 0.0 for rows in trials for row in rows):
         scale_errors(over_trials)
     over_trials.set(title="Trial by trial", xlabel="trial", ylabel="RMS error [rad]")
@@ -179,10 +170,7 @@ def last_trials_figure(names: Sequence[str], joints: Sequence[str], last: Sequen
     figure, panels = movement_panels(joints)
     for joint, axes in enumerate(panels):
         for look, trial in zip(_looks(len(last)), last, strict=True):
-            time, error_rad = movement_time(trial), trial.error_rad[:, joint]
-            axes.plot(time, error_rad, **(look | {"marker": ""}))
-            if not trial.summary.completed:
-                axes.plot(time[-1], error_rad[-1], **(BROKEN_OFF | {"markeredgecolor": look["color"]}))
+            draw_error(axes, trial, joint, {"markeredgecolor": look["color"]}, **(look | {"marker": ""}))
         axes.set_ylabel("actual − desired [rad]")
     legend_below(figure, "constrained", _legend(names, not all(trial.summary.completed for trial in last)))
     return figure
@@ -212,12 +200,9 @@ def differences(runs: Sequence[RunData]) -> dict[str, list[str]]:
     if len({_urdf(run) for run in runs}) == 1:  # each run has a copy of its own
         flat = [{key: value for key, value in values.items() if key != "arm.urdf"} for values in flat]
     keys = dict.fromkeys(key for values in flat for key in values)
-    table = {key: [_shown(values.get(key, "(not there)")) for values in flat] for key in keys}
+    found = {key: [values.get(key, "(not there)") for values in flat] for key in keys}
+    table = {key: ["–" if v in ("", None, []) else str(v) for v in values] for key, values in found.items()}
     return {key: shown for key, shown in table.items() if len(set(shown)) > 1}
-
-
-def _shown(value: Any) -> str:
-    return "–" if value in ("", None, []) else str(value)
 
 
 def _numbers(run: RunData) -> dict[str, float]:
