@@ -34,17 +34,17 @@ def arguments(config: str, about_config: str) -> list[DeclareLaunchArgument]:
         "namespace": ("", "ROS namespace of the arm and of all nodes"),
         "log_level": ("info", "of all nodes"),
         "params_file": ("", "YAML file of ROS parameters for the nodes; they win over config"),
+        "use_sim_time": ("false", "whether the nodes go by /clock instead of the time of the machine"),
     }
-    declared = [
-        DeclareLaunchArgument(name, default_value=default, description=about)
+    return [
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=about,
+            choices=["false", "true"] if name == "use_sim_time" else None,
+        )
         for name, (default, about) in described.items()
     ]
-    about = "whether the nodes go by /clock instead of the time of the machine"
-    choices = ["false", "true"]
-    sim_time = DeclareLaunchArgument(
-        "use_sim_time", default_value="false", choices=choices, description=about
-    )
-    return [*declared, sim_time]
 
 
 def is_installed(package: str) -> bool:
@@ -57,11 +57,7 @@ def is_installed(package: str) -> bool:
 
 
 class LaunchGraph:
-    """The processes of one graph.
-
-    Args:
-        context: of the launch, inside the group that has pushed the namespace.
-    """
+    """The processes of one graph; ``context`` is inside the group that has pushed the namespace."""
 
     def __init__(self, context: LaunchContext) -> None:
         configurations = context.launch_configurations
@@ -95,16 +91,12 @@ class LaunchGraph:
         """Return the action that publishes robot_description and TF, with the namespace before the frames."""
         text = ParameterValue(urdf.read_text(encoding="utf-8"), value_type=str)
         prefix = "" if self.namespace == "/" else f"{self.namespace.strip('/')}/"
-        return self.node(
-            "robot_state_publisher",
-            "robot_state_publisher",
-            [{"robot_description": text, "frame_prefix": prefix}],
-        )
+        parameters = [{"robot_description": text, "frame_prefix": prefix}]
+        return self.node("robot_state_publisher", "robot_state_publisher", parameters)
 
     def practice(self, config: Config, config_file: Path) -> list[ExecuteProcess]:
         """Return the actions that start our nodes, and the one that asks for a run, if any."""
-        given: list[Any] = [{"config": str(config_file)}]
-        given += [self._params_file] if self._params_file else []
+        given: list[Any] = [{"config": str(config_file)}, *filter(None, [self._params_file])]
         actions: list[ExecuteProcess] = [
             self.node("tel_ros", name, given, name=name) for name in node_names(config)
         ]

@@ -11,13 +11,9 @@ from tel_ros.core.types import FloatArray
 FLAT_M = 1e-3
 """A hand that stays this close to a plane moves in it."""
 
-_NAMES = ("x", "y", "z")
-_OBLIQUE = np.array([1.0, -1.4, 0.8])
 _TILT = 0.35
-_DISTANCE = 1.05
 _ASIDE = 0.2
 """How far the target is moved, as a share of the size: the panel hides the right part of the picture."""
-_LEAST_SIZE_M = 0.1
 
 
 @dataclass(frozen=True)
@@ -55,17 +51,13 @@ class Plane:
 
 
 def drawing_plane(positions_m: FloatArray) -> Plane:
-    """Return the plane of the base frame that holds all positions, else the plane of largest extent.
-
-    Args:
-        positions_m: Shape (n, 3).
-    """
+    """Return the plane of the base frame with all positions, shape (n, 3), else that of largest extent."""
     low, high = positions_m.min(axis=0), positions_m.max(axis=0)
     distance_m = (high - low) / 2.0
     for dropped in (2, 1, 0):
         if distance_m[dropped] <= FLAT_M:
             kept = [axis for axis in range(3) if axis != dropped]
-            names = (_NAMES[kept[0]], _NAMES[kept[1]])
+            names = ("xyz"[kept[0]], "xyz"[kept[1]])
             return Plane(np.zeros(3), np.eye(3)[kept], names, float(distance_m[dropped]), principal=False)
     centre = positions_m.mean(axis=0)
     axes = np.linalg.svd(positions_m - centre, full_matrices=False)[2]
@@ -78,26 +70,24 @@ def drawing_plane(positions_m: FloatArray) -> Plane:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Camera, target and upward direction in the base frame. Arrays of shape (3,)."""
+    """Camera, target, upward direction in the base frame, shape (3,); and the diagonal of what is seen."""
 
     position_m: FloatArray
     target_m: FloatArray
     up: FloatArray
     size_m: float
-    """Of what is seen: the diagonal of its box."""
 
 
 def viewpoint(positions_m: FloatArray) -> Viewpoint:
     """Return a viewpoint: before a path in a plane of the base frame, a little tilted; else oblique.
 
-    Args:
-        positions_m: of the hand along the path and of the base. Shape (n, 3).
+    ``positions_m`` are those of the hand along the path and of the base. Shape (n, 3).
     """
     low, high = positions_m.min(axis=0), positions_m.max(axis=0)
-    target_m, size_m = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), _LEAST_SIZE_M)
+    target_m, size_m = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 0.1)
     plane = drawing_plane(positions_m)
     up = np.array([0.0, 0.0, 1.0])
-    direction = _OBLIQUE
+    direction = np.array([1.0, -1.4, 0.8])
     if not plane.principal:
         normal = np.cross(plane.axes[0], plane.axes[1])
         if plane.names == ("x", "y"):
@@ -106,4 +96,4 @@ def viewpoint(positions_m: FloatArray) -> Viewpoint:
             direction = normal + _TILT * up
     direction = direction / np.linalg.norm(direction)
     target_m = target_m + _ASIDE * size_m * np.cross(up, direction)
-    return Viewpoint(target_m + _DISTANCE * size_m * direction, target_m, up, size_m)
+    return Viewpoint(target_m + 1.05 * size_m * direction, target_m, up, size_m)

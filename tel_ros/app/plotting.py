@@ -51,10 +51,8 @@ BROKEN_OFF: dict[str, Any] = {
 CLIPPED: dict[str, Any] = {"color": PURPLE, "linewidth": 4.0, "alpha": 0.55}
 LIMIT: dict[str, Any] = {"color": SOFT, "linestyle": "--", "linewidth": 0.9}
 
-_LEGEND_IN = 0.27
 _VISIBLE_SHARE = 0.3
 """An effort limit is not drawn if the efforts reach less than this share of it: they would look flat."""
-_PNG_DPI = 200
 _UNDATED: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": dict.fromkeys(("Creator", "Date", "Format", "Type")),
@@ -62,41 +60,26 @@ _UNDATED: dict[str, dict[str, None]] = {
 }
 """No dates and versions in the files: equal data give equal files."""
 
+_TICKS = {"color": SOFT, "labelsize": 7.5, "major.width": 0.6, "major.size": 3.0, "minor.size": 1.5}
 _STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same figure on every machine
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.titlelocation": "left",
-    "axes.labelsize": 8.0,
     "axes.labelcolor": INK,
     "axes.edgecolor": SOFT,
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.unicode_minus": True,
-    "axes.grid": False,
     "grid.color": FAINT,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
-    "legend.fontsize": 8.0,
     "legend.handlelength": 2.2,
     "lines.linewidth": 1.2,
     "lines.solid_capstyle": "round",
-    "lines.solid_joinstyle": "round",
     "text.color": INK,
     "text.parse_math": False,  # names of joints are names, even with a dollar sign in them
-    "xtick.color": SOFT,
-    "ytick.color": SOFT,
-    "xtick.labelcolor": SOFT,
-    "ytick.labelcolor": SOFT,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 3.0,
-    "ytick.major.size": 3.0,
-    "xtick.minor.size": 1.5,
-    "ytick.minor.size": 1.5,
+    **{f"{axis}tick.{key}": value for axis in "xy" for key, value in _TICKS.items()},
     "svg.fonttype": "none",
     "pdf.fonttype": 42,  # letters that can be searched, and that journals take
 }
@@ -117,7 +100,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     # Letters as paths: the SVG looks like the PNG wherever it is shown.
     with matplotlib.rc_context({"svg.fonttype": "path"}):
-        figure.savefig(beside, format=kind, dpi=_PNG_DPI, facecolor=PAPER, metadata=_UNDATED[kind])
+        figure.savefig(beside, format=kind, dpi=200, facecolor=PAPER, metadata=_UNDATED[kind])
     beside.replace(path)
 
 
@@ -133,17 +116,12 @@ def inline_svg(figure: Figure, name: str) -> str:
     text = text[text.index("<svg") :]
     # A style sheet inside one figure would hold for the whole page; the page brings its own.
     text = re.sub(r"<style\b.*?</style>", "", text, flags=re.DOTALL)
-    text = re.sub(r"<svg\b[^>]*>", lambda match: _root(match.group()), text, count=1)
+    text = re.sub(r'<svg\b[^>]*(viewBox="[^"]*")[^>]*>', r'<svg \1 aria-hidden="true">', text, count=1)
     text = text.replace("xlink:href=", "href=")
     text = re.sub(r'(\bid="|\bhref="#|url\(#)', rf"\g<1>{name}-", text)
     for colour, (light, _) in PALETTE.items():
         text = text.replace(light, f"var(--{colour})")
     return text
-
-
-def _root(tag: str) -> str:
-    view = re.search(r'viewBox="[^"]*"', tag)
-    return f'<svg {view.group() if view else ""} aria-hidden="true">'
 
 
 def legend_below(
@@ -154,7 +132,7 @@ def legend_below(
     The layout leaves room for it by hand: matplotlib places legends outside the axes from 3.7 on only, and
     ROS 2 Jazzy comes with 3.6.
     """
-    row = _LEGEND_IN / figure.get_figheight()
+    row = 0.27 / figure.get_figheight()  # 0.27 in
     figure.set_layout_engine(layout, rect=(0.0, len(rows) * row, 1.0, 1.0 - len(rows) * row))
     for place, handles in enumerate(reversed(rows)):
         figure.legend(

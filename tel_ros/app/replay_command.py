@@ -20,9 +20,6 @@ from tel_ros.core.errors import TelError
 if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer
 
-_LATE_S = 0.02
-"""Delays above this are reported: a loop at 50 Hz would notice them."""
-
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
@@ -102,7 +99,7 @@ def replay(
     click.echo(f"{player.published} messages published")
     if player.stood_still_s > 0.0:
         click.echo(f"tel: the replay stood still for {player.stood_still_s:.1f} s in all", err=True)
-    if player.most_late_s > _LATE_S:
+    if player.most_late_s > 0.02:  # a loop at 50 Hz would notice
         click.echo(f"tel: messages were up to {1e3 * player.most_late_s:.0f} ms late", err=True)
 
 
@@ -148,9 +145,6 @@ class SpaceBar:
         if self._before is None or os.tcgetpgrp(self._terminal) != os.getpgrp():
             return False
         spaces = 0
-        while select.select([self._terminal], [], [], 0.0)[0]:
-            keys = os.read(self._terminal, 64)
-            if not keys:
-                break
+        while select.select([self._terminal], [], [], 0.0)[0] and (keys := os.read(self._terminal, 64)):
             spaces += keys.count(b" ")
         return spaces % 2 == 1

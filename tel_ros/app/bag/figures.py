@@ -52,10 +52,6 @@ from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 FORMATS = (".png", ".svg", ".pdf", ".html")
 WIDTH_IN = 10.5
 """For a screen, not for a column of a paper."""
-_ROW_IN, _REST_IN = 1.6, 1.1
-_DRAWN_POINTS = 3000
-"""Of a curve: more than a figure has pixels."""
-_TITLE_LETTERS = 125
 _AROUND_ALPHA = 0.45
 
 
@@ -116,10 +112,7 @@ def _limits(trial: RecordedTrial) -> tuple[tuple[float, ...] | None, str]:
 def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title: str) -> Figure:
     """Return position, tracking error and torque of each joint over the time of a trial.
 
-    Args:
-        trial: as recorded.
-        limits_nm: effort limit of each joint; None: unknown.
-        title: of the figure.
+    ``limits_nm`` are the effort limits of the joints; None: unknown.
     """
     figure, rows = _grid(trial.joints, ("position [rad]", "actual − desired [rad]", "torque [N·m]"), title)
     time_s, n = trial.time_s, len(trial.joints)
@@ -135,9 +128,9 @@ def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title:
         _curve(position, time_s, trial.equilibrium_rad[:, joint], color=GREY, linewidth=1.3)
         _curve(position, time_s, actual_rad, color=BLUE, linewidth=1.2)
         _curve(position, time_s, desired_rad, color=INK, linestyle=DOTS, linewidth=1.1)
-        error.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
+        for axes in (error, torque):
+            axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
         _curve(error, time_s, actual_rad - desired_rad, color=ORANGE, linewidth=1.0)
-        torque.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
         effort_nm = trial.effort_nm[:, joint]
         _curve(torque, time_s, effort_nm, color=GREEN, linewidth=0.9)
         clipped |= mark_saturated(torque, time_s, effort_nm, trial.saturated[:, joint])
@@ -184,13 +177,7 @@ def states_figure(states: RecordedStates, title: str) -> Figure:
 
 
 def thinned(time_s: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """Return a curve of at most about so many points that looks the same: extremes of each stretch stay.
-
-    Args:
-        time_s: shape (n,).
-        values: shape (n,); NaN for gaps.
-        most: points to keep; at least 2.
-    """
+    """Return a curve (NaN for gaps) of about ``most`` points, at least 2: extremes of each stretch stay."""
     if len(values) <= most:
         return time_s, values
     width = math.ceil(len(values) / (most // 2))
@@ -212,9 +199,8 @@ def thinned(time_s: FloatArray, values: FloatArray, most: int) -> tuple[FloatArr
 
 def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Figure, list[list[Axes]]]:
     """Return axes with a row for each joint and a column for each label."""
-    height = _ROW_IN * len(joints) + _REST_IN
-    figure = Figure(figsize=(WIDTH_IN, height), layout="constrained")
-    lines = [part for line in title.splitlines() for part in textwrap.wrap(line, _TITLE_LETTERS)]
+    figure = Figure(figsize=(WIDTH_IN, 1.6 * len(joints) + 1.1), layout="constrained")
+    lines = [part for line in title.splitlines() for part in textwrap.wrap(line, 125)]
     figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9.5, linespacing=1.5)
     grid = figure.subplots(len(joints), len(labels), sharex=True, squeeze=False)
     for joint, row in zip(joints, grid, strict=True):
@@ -226,8 +212,8 @@ def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Fig
     return figure, [list(row) for row in grid]
 
 
-def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
-    axes.plot(*thinned(time_s, values, _DRAWN_POINTS), **style)
+def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: object) -> None:
+    axes.plot(*thinned(time_s, values, 3000), **style)  # more than a figure has pixels
 
 
 def _shade(axes: Axes, time_s: FloatArray, where: BoolArray, colour: str, alpha: float) -> None:

@@ -35,7 +35,6 @@ _COLOURS = {
     "limit": "#d55e00",
 }
 """Visible on a dark and on a light background."""
-_LEAST_REACH_M = 0.05
 _CAMERA, _GRID, _LINE, _AXIS = 3.0, 4.0, 0.008, 0.05
 """Distance of the camera, side of the grid, thickness of paths, length of the links' axes, in arm reaches."""
 _UNIT_AXIS_M = 0.2
@@ -43,11 +42,7 @@ _UNIT_AXIS_M = 0.2
 
 
 def write_layouts(export: Export) -> tuple[Path, Path]:
-    """Write the layouts beside the exported file, and return that of Foxglove and that of PlotJuggler.
-
-    Raises:
-        InputFileError: they cannot be written.
-    """
+    """Write the layouts beside the exported file, and return that of Foxglove and that of PlotJuggler."""
     foxglove, plotjuggler = (export.folder / name for name in (FOXGLOVE_LAYOUT, PLOTJUGGLER_LAYOUT))
     values = _values(export)
     for file in (foxglove, plotjuggler):
@@ -59,7 +54,7 @@ def write_layouts(export: Export) -> tuple[Path, Path]:
 
 
 def _values(export: Export) -> dict[str, object]:
-    reach_m = max(export.arm.reach_m, _LEAST_REACH_M)
+    reach_m = max(export.arm.reach_m, 0.05)
     return {
         "joints": export.arm.config.joints,
         "root": export.arm.root,

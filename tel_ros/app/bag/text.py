@@ -16,11 +16,6 @@ from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.bag_inspection import InspectedBag
 from tel_ros.recording.run_folder import json_ready
 
-_TIMES_OF_DAY_NS = 1_000_000_000 * NS_PER_S
-"""Stamps from here on (September 2001) are times of day; simulated time begins at zero."""
-_LONGEST = 120
-"""Of longer stored texts, and those of several lines, only the size is shown."""
-
 
 def plain(bag: InspectedBag) -> dict[str, Any]:
     """Return everything that is known of a bag, ready for JSON."""
@@ -48,15 +43,14 @@ def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
     if bag.trial is not None:
         yield "trial", trial_text(bag.trial)
         yield "joints", ", ".join(bag.joints)
-    versions = [
-        f"{key.removeprefix('version.')} {value}"
-        for key, value in sorted(bag.metadata.items())
-        if key.startswith("version.")
-    ]
+    versions = []
     for key, value in sorted(bag.metadata.items()):
-        if not key.startswith("version."):
-            instead = f"{len(value.splitlines())} lines, {len(value)} characters (--json shows them)"
-            yield key, instead if "\n" in value or len(value) > _LONGEST else value
+        if key.startswith("version."):
+            versions.append(f"{key.removeprefix('version.')} {value}")
+        elif "\n" in value or len(value) > 120:
+            yield key, f"{len(value.splitlines())} lines, {len(value)} characters (--json shows them)"
+        else:
+            yield key, value
     if versions:
         yield "versions", ", ".join(versions)
 
@@ -108,6 +102,6 @@ def size(n_bytes: int) -> str:
 
 def moment(time_ns: int) -> str:
     """Return a time of day, or a time of simulation as it is."""
-    if time_ns < _TIMES_OF_DAY_NS:
+    if time_ns < 1_000_000_000 * NS_PER_S:  # before September 2001; simulated time begins at zero
         return f"{time_ns / NS_PER_S:.3f} s (no time of day: that of a simulation)"
     return f"{datetime.fromtimestamp(time_ns / NS_PER_S, UTC):%Y-%m-%d %H:%M:%S} UTC"
