@@ -30,7 +30,7 @@ view_option = click.option(
 )
 
 
-def require_view() -> None:
+def _require_view() -> None:
     """Raise :class:`ViewError` if the extra ``view`` is not installed."""
     missing = [name for name in ("viser", "yourdfpy") if find_spec(name) is None]
     if missing:
@@ -45,7 +45,7 @@ def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Besid
     """
     if not with_view:
         return lambda config_file, log_folder: nullcontext()
-    require_view()
+    _require_view()
 
     def tell(line: str) -> None:
         console.print(f"view    {line}", highlight=False, soft_wrap=True, markup=False)
@@ -65,7 +65,7 @@ def _view_process(
     log_folder.mkdir(parents=True, exist_ok=True)
     with (log_folder / "view.log").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "tel_ros.app.view.main", str(config_file), "0", namespace],
+            [sys.executable, "-m", "tel_ros.app.view.main", str(config_file), namespace],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
@@ -105,7 +105,7 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stopping.append(number))
-    require_view()
+    _require_view()
     from tel_ros.app.view.main import watch
     from tel_ros.nodes.robot_description import description_in
 

@@ -13,7 +13,6 @@ from tel_ros.core.errors import TelError
 
 HOST = "127.0.0.1"
 """The view listens here only: other machines cannot reach it."""
-_NAMES = (HOST, "localhost")
 
 
 class ViewError(TelError):
@@ -56,7 +55,7 @@ class Gate:
             raise ValueError("the token is empty: everybody would know it")
         self._token = token.encode()
         self._cookie = f"tel_view_{port}"  # cookies do not know ports: each view has its own
-        self._hosts = tuple(f"{name}:{port}" for name in _NAMES)
+        self._hosts = (f"{HOST}:{port}", f"localhost:{port}")
         self.origins = tuple(f"http://{host}" for host in self._hosts)
         """Origins of pages that may open a socket."""
         # By number: localhost may have a second address, at which somebody else listens.
@@ -64,13 +63,7 @@ class Gate:
         """What to open in a browser of this machine."""
 
     def judge(self, path: str, hosts: Sequence[str], cookies: Sequence[str]) -> Verdict:
-        """Judge a request, a page's as well as a socket's.
-
-        Args:
-            path: with its query.
-            hosts: values of the header Host.
-            cookies: values of the header Cookie.
-        """
+        """Judge a request, a page's as well as a socket's, by its path with query and two of its headers."""
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return Verdict(HTTPStatus.FORBIDDEN, SHIELD, "Not the name of this server.\n")
         asked = parse_qs(urlsplit(path).query).get("token", [])

@@ -34,13 +34,8 @@ ANSWER_TIMEOUT_S = 2.0
 class GraphView:
     """Subscribes best effort, and takes only the newest message of the fast topics, when it looks.
 
-    It has no publisher. Services can be called from any thread, and return at once.
-
-    Args:
-        node: its owner spins it.
-        config: of the run.
-        on_goal: called with the goal of each trial that begins.
-        on_feedback: called with each message about the progress of the run.
+    It has no publisher. Services can be called from any thread, and return at once. The owner of the node
+    spins it.
     """
 
     def __init__(

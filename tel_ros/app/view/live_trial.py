@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 N_CELLS = 240
 """As many as a small plot can show."""
 PATH_POINTS = 200
-"""Of a path that is drawn."""
 MEASURED_POINTS = 400
 """At most, of the measured path, which may shake."""
 GAP_SHARE = 0.1
@@ -126,9 +125,9 @@ class LiveTrial:
 
     def see(self, sample: Sample) -> None:
         """Take in a sample; those of other trials and from before the movement are left out."""
-        if sample.trial != self.index or sample.time_from_start_s < 0.0:
-            return
         time_s = sample.time_from_start_s
+        if sample.trial != self.index or time_s < 0.0:
+            return
         if sample.phase in (Phase.RUN, Phase.STOP):
             self._add_point(time_s, sample.position_rad)
         if sample.phase in (Phase.RUN, Phase.HOLD):

@@ -133,14 +133,14 @@ def watch(
     ended: Callable[[], bool],
     namespace: str = "/",
 ) -> None:
-    """Show a graph until ``ended`` returns true.
+    """Show a graph until ``ended`` returns true, which is asked at least twenty times a second.
 
     Args:
         config: of the run that is watched.
         token: the secret in the link.
         port: of the page; 0: any that is free.
         on_open: called with the link when the page is there.
-        ended: looked at at least twenty times a second.
+        ended: whether to stop.
         namespace: of the graph.
 
     Raises:
@@ -169,7 +169,7 @@ def watch(
 
 
 def main() -> None:
-    """Run as a process beside ``tel practice``: arguments are the configuration, the port and the namespace.
+    """Run as a process beside ``tel practice``: arguments are the configuration and the namespace.
 
     The token comes on standard input, where no list of processes shows it; the link goes to standard output.
     """
@@ -180,8 +180,8 @@ def main() -> None:
     token = sys.stdin.readline().strip()
     tell = partial(print, file=out, flush=True)
     try:
-        config, port, namespace = load_config(Path(sys.argv[1])), int(sys.argv[2]), sys.argv[3]
-        watch(config, token, port, tell, lambda: bool(stopping), namespace)
+        config, namespace = load_config(Path(sys.argv[1])), sys.argv[2]
+        watch(config, token, 0, tell, lambda: bool(stopping), namespace)
     except TelError as error:
         tell(f"no live view: {error}")
         sys.exit(2)

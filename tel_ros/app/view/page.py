@@ -31,11 +31,8 @@ _COLOURS = ("#1f6fb4", "#d9661f", "#2b8a3e", "#9c36b5", "#c92a2a", "#0b7285", "#
 _GREY, _DESIRED, _ACTUAL = (150, 150, 150), (40, 40, 40), (31, 111, 180)
 _OLDEST, _YOUNGEST = np.array([252, 220, 190]), np.array([217, 102, 31])
 _GHOST = (0.35, 0.75, 0.45, 0.35)
-_PLOT_ASPECT = 3.2
 _ROOM = 1.2
 """Range of a plot over its last label, so that the label is not cut off."""
-_LABEL_SPACE_PX = 16
-"""Between labels of the vertical axes: small plots have room for three."""
 _INSET = "padding:0 10px"
 """viser leaves no room beside HTML."""
 _NOTHING: FloatArray = np.zeros((1, 2, 3), dtype=np.float32)
@@ -43,13 +40,7 @@ _NOTHING: FloatArray = np.zeros((1, 2, 3), dtype=np.float32)
 
 
 class Page:
-    """What every browser sees that has the page open.
-
-    Args:
-        server: that shows it.
-        arm: its joints and its URDF.
-        view: where to look from at first.
-        controls: what the buttons do.
+    """What every browser sees that has the page open; it looks from ``view`` at first.
 
     Raises:
         ViewError: the URDF cannot be drawn.
@@ -141,17 +132,15 @@ class Page:
         server.scene.configure_environment_map(hdri=None)
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.add_light_ambient("/light/everywhere", intensity=4.0)
-        server.scene.add_light_directional(
-            "/light/from_camera", intensity=3.0, position=tuple(view.position_m)
-        )
+        position = tuple(view.position_m)
+        server.scene.add_light_directional("/light/from_camera", intensity=3.0, position=position)
         server.scene.add_grid(
             "/grid", width=4.0 * view.size_m, height=4.0 * view.size_m, cell_size=view.size_m / 5.0,
             section_size=view.size_m, position=(0.0, 0.0, -0.1 * view.size_m),
         )  # fmt: skip
         server.scene.set_up_direction(tuple(view.up))
         camera = server.initial_camera
-        camera.position, camera.look_at = tuple(view.position_m), tuple(view.target_m)
-        camera.up = tuple(view.up)
+        camera.position, camera.look_at, camera.up = position, tuple(view.target_m), tuple(view.up)
 
     def _robots(self, arm: ArmConfig) -> tuple[_Robot, _Robot]:
         try:
@@ -194,10 +183,8 @@ class Page:
     def _make_plots(self) -> dict[str, Any]:
         n, gui = len(self._joints), self._server.gui
         colours = [_COLOURS[k % len(_COLOURS)] for k in range(n)]
-        solid = [
-            uplot.Series(label=joint, stroke=colour, width=1.5)
-            for joint, colour in zip(self._joints, colours, strict=True)
-        ]
+        joints = list(zip(self._joints, colours, strict=True))
+        solid = [uplot.Series(label=joint, stroke=colour, width=1.5) for joint, colour in joints]
         faint = [uplot.Series(show=True, stroke="transparent", width=0) for _ in range(2 * n)]
         dashed = [uplot.Series(stroke=colour, width=1, dash=(6, 4)) for colour in colours]
         limit = [uplot.Series(stroke="#c92a2a", width=1, dash=(6, 4))] * 2
@@ -213,13 +200,10 @@ class Page:
             made[name] = gui.add_uplot(
                 tuple(np.array([0.0, 1.0]) if k == 0 else np.full(2, np.nan) for k in range(1 + len(series))),
                 (uplot.Series(label="t [s]"), *series), bands=extra, title=title, scales=_scales(1.0, _ROOM),
-                legend=uplot.Legend(show=False), aspect=_PLOT_ASPECT,
-                axes=(uplot.Axis(size=34), uplot.Axis(size=56, space=_LABEL_SPACE_PX)),
+                legend=uplot.Legend(show=False), aspect=3.2,
+                axes=(uplot.Axis(size=34), uplot.Axis(size=56, space=16)),  # px: room for three labels
             )  # fmt: skip
-        key = " ".join(
-            f'<span style="color:{c};font-weight:700">{j}</span>'
-            for j, c in zip(self._joints, colours, strict=True)
-        )
+        key = " ".join(f'<span style="color:{c};font-weight:700">{j}</span>' for j, c in joints)
         gui.add_html(
             f'<div style="font-size:12px;{_INSET}">{key}<br>hand: <b style="color:#1f6fb4">this trial</b>, '
             '<b style="color:#d9661f">earlier ones</b>, dashed: desired, <b style="color:#888">grey: EP</b>'

@@ -33,8 +33,6 @@ from websockets.typing import Origin, Subprotocol
 from tel_ros.app.view.gate import HOST, Gate, Verdict, ViewError
 
 _TIMEOUT_S = 10.0
-_LONGEST_MESSAGE = 2**16
-"""Of a client, in bytes: where its camera is, or a click."""
 MAY_SAY = ("ViewerCameraMessage", "GuiUpdateMessage")
 """Names of viser's messages that a client may send: where its camera is, and the value of an input."""
 
@@ -58,12 +56,7 @@ def harmless(message: str | bytes) -> bytes | None:
 
 
 class OwnersServer:
-    """viser behind a gate.
-
-    Args:
-        token: the secret in the link.
-        port: 0: any that is free.
-        label: title of the page.
+    """viser behind a gate, at a port (0: any that is free).
 
     Raises:
         ViewError: the port is taken, or this viser cannot be protected. Nothing listens then.
@@ -112,7 +105,7 @@ class OwnersServer:
                 origins=[Origin(origin) for origin in self._gate.origins],
                 select_subprotocol=_viewer,
                 compression=None,
-                max_size=_LONGEST_MESSAGE,
+                max_size=2**16,  # where a camera is, or a click, needs less
             ):
                 ready.set()
                 await stop.wait()
