@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -14,6 +15,8 @@ from rich.console import Console
 from tel_ros.app.tables import simple_table
 from tel_ros.core.errors import TelError
 from tel_ros.recording.shared_files import config_folder, named_config, shipped_configs, summary_of
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class ConfigFile(click.ParamType):
@@ -38,6 +41,11 @@ class ConfigFile(click.ParamType):
 
 config_argument = click.argument("config_file", metavar="CONFIG", type=ConfigFile())
 """CONFIG of a command, which gets it as ``config_file``."""
+
+
+def overrides_option(about: str) -> Callable[[F], F]:
+    """Return the option ``--set``, which a command gets as ``overrides``; ``about`` is its help."""
+    return click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=about)
 
 
 class Namespace(click.ParamType):

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from tel_ros.app.command_group import missing_module
-from tel_ros.app.config_argument import ConfigFile, namespace_option
+from tel_ros.app.config_argument import ConfigFile, namespace_option, overrides_option
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -41,13 +41,7 @@ _PROGRESS = Console(stderr=True)
 
 @click.command()
 @click.argument("config_file", metavar="[CONFIG]", required=False, type=ConfigFile())
-@click.option(
-    "--set",
-    "overrides",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="Another value for a key, e.g. sim.clock=realtime.",
-)
+@overrides_option("Another value for a key, e.g. sim.clock=realtime.")
 @click.option(
     "--resume",
     "resumed",

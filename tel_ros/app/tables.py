@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
+
+NOTHING = "–"
 
 
 def simple_table(*headings: str, left: Collection[str]) -> Table:
@@ -44,19 +47,19 @@ def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
             str(trial["index"]),
             f"{trial['alpha']:.3f}",
             f"{trial['duration_s']:.3f}",
-            number(trial["rms_error_rad"]),
-            number(trial["max_error_rad"]),
+            fixed(trial["rms_error_rad"], 4),
+            fixed(trial["max_error_rad"], 4),
             training_error(trial),
             trial["outcome"],
         )
     return table
 
 
-def number(value: float | None) -> str:
-    """Return a number as it stands in tables; None: a dash."""
-    return "–" if value is None else f"{value:.4f}"
+def fixed(value: float | None, decimals: int) -> str:
+    """Return a number for a column; a dash for None and what is not finite."""
+    return NOTHING if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
 
 
 def training_error(trial: Mapping[str, Any]) -> str:
     """Return the training error of a row of a summary before and after training."""
-    return f"{number(trial['training_rms_before_rad'])} → {number(trial['training_rms_after_rad'])}"
+    return f"{fixed(trial['training_rms_before_rad'], 4)} → {fixed(trial['training_rms_after_rad'], 4)}"

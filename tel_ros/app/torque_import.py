@@ -34,13 +34,11 @@ class ImportRequest:
     Args:
         sources: bags of ROS 1 or ROS 2, their data files, or CSVs.
         out: file of the network; must not exist.
-        learner: name.
         urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
         topic: of bags; empty: the one that has efforts.
         joints: to learn; empty: all with efforts.
         rate_hz: of the samples that are learned from, at most; after a filter at 15 Hz, more add nothing.
         cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
-        weights: how trees find their weights.
         max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
     """
 
@@ -77,17 +75,11 @@ class ImportReport:
     """What was learned, and how good it is.
 
     Args:
-        network: file.
-        revision: of the network.
-        learner: name.
         recordings: source, samples, duration, median rate and jitter (std of the period) of each.
         n_parts: unbroken stretches of time.
         learned_s: what was learned from, without the ends of the parts.
         cutoff_hz: lowest and highest of the filters (half of the rate where none was needed).
-        fit: of the network.
-        excitation: how the arm moved.
         torque_std_nm: spread of the recorded torques. Shape (n_joints,).
-        warnings: in words.
     """
 
     network: Path
@@ -192,7 +184,16 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         network=request.out,
         revision=revision(fit.learner),
         learner=request.learner,
-        recordings=tuple(map(_recording_report, recordings)),
+        recordings=tuple(
+            {
+                "source": recording.source,
+                "n_samples": len(recording.time_s),
+                "duration_s": recording.duration_s,
+                "rate_hz": 1.0 / recording.median_period_s,
+                "jitter_s": float(np.std(np.diff(recording.time_s))),
+            }
+            for recording in recordings
+        ),
         n_parts=len(parts),
         learned_s=sum(len(part) * part.period_s for part in parts),
         cutoff_hz=(min(p.bandwidth_hz for p in parts), max(p.bandwidth_hz for p in parts)),
@@ -220,16 +221,6 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
     faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
     share = f"{n_extrapolated} of {n} points ({n_extrapolated / n:.1%})"
     return f"{share} are extrapolated: {'; '.join(reasons)}{faster}"
-
-
-def _recording_report(recording: JointRecording) -> dict[str, Any]:
-    return {
-        "source": recording.source,
-        "n_samples": len(recording.time_s),
-        "duration_s": recording.duration_s,
-        "rate_hz": 1.0 / recording.median_period_s,
-        "jitter_s": float(np.std(np.diff(recording.time_s))),
-    }
 
 
 def _fit_warnings(

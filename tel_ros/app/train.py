@@ -11,8 +11,9 @@ import click
 from click.core import ParameterSource
 from rich.console import Console
 
+from tel_ros.app.config_argument import overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
-from tel_ros.app.tables import compact_table, number, show, simple_table, training_error
+from tel_ros.app.tables import compact_table, fixed, show, simple_table, training_error
 
 if TYPE_CHECKING:
     from tel_ros.app.torque_import import ImportReport
@@ -35,13 +36,7 @@ _default = partial(_import_option, show_default=True)
     help="File of the network, e.g. network.npz.",
 )
 @click.option("--force", is_flag=True, help="Replace the file if there is one already.")
-@click.option(
-    "--set",
-    "overrides",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="Another setting of the learner, e.g. learning.weights=least_squares, or seed.",
-)
+@overrides_option("Another setting of the learner, e.g. learning.weights=least_squares, or seed.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print what came out as JSON, and nothing else, on stdout."
 )
@@ -120,7 +115,7 @@ def train(
             Path(row["bag"]).name,
             str(row["index"]),
             f"{row['duration_s']:.3f}",
-            number(row["rms_error_rad"]),
+            fixed(row["rms_error_rad"], 4),
             training_error(row),
             row["outcome"],
         )

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from tel_ros.app.plotting import PALETTE, figure_style, inline_svg, save_figure
 from tel_ros.app.report import text
 from tel_ros.app.report.command import FIGURE_FORMATS
+from tel_ros.app.tables import fixed
 from tel_ros.app.templates import template
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.run_folder import REPORT_FILE, write_atomically
@@ -98,6 +99,6 @@ def _made(folder: Path, section: Section[Data], data: Data, formats: Sequence[st
 
 def block(file: str, macro: str, *folder: Path, **values: Any) -> Markup:
     """Return the HTML of a macro in a template (of ours, or in ``folder``), called with these values."""
-    module = template(file, *folder).make_module({"text": text})
+    module = template(file, *folder).make_module({"text": text, "fixed": fixed})
     html: Markup = getattr(module, macro)(**values)
     return html

@@ -6,14 +6,8 @@ import math
 from collections.abc import Sequence
 
 from tel_ros.app.report.data import DrawnTrial, RunData
+from tel_ros.app.tables import NOTHING
 from tel_ros.recording.summary import TrialRow
-
-NOTHING = "–"
-
-
-def fixed(value: float, decimals: int) -> str:
-    """Return a number for a column; a dash for NaN."""
-    return f"{value:.{decimals}f}" if math.isfinite(value) else NOTHING
 
 
 def significant(value: float, digits: int = 3) -> str:

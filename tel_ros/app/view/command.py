@@ -18,7 +18,7 @@ import click
 from rich.console import Console
 
 from tel_ros.app.bring_up import die_with_parent, end_process
-from tel_ros.app.config_argument import config_argument, namespace_option
+from tel_ros.app.config_argument import config_argument, namespace_option, overrides_option
 from tel_ros.app.view.gate import ViewError
 from tel_ros.recording.config_file import load_config
 
@@ -91,9 +91,7 @@ def _view_process(
 
 @click.command()
 @config_argument
-@click.option(
-    "--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key, as in practice."
-)
+@overrides_option("Another value for a key, as in practice.")
 @namespace_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page. Default: any free one.")
 def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from tel_ros.app.tables import fixed
 from tel_ros.core.trial import Outcome, Phase
 
 if TYPE_CHECKING:
@@ -38,16 +39,11 @@ def _row(trial: TrialResult, reason: str) -> str:
         str(trial.index),
         f"{trial.alpha:.3f}",
         f"{trial.duration_s:.2f}",
-        number(trial.rms_error_rad, 4),
-        number(trial.max_error_rad, 3),
+        fixed(trial.rms_error_rad, 4),
+        fixed(trial.max_error_rad, 3),
         "" if trial.outcome == Outcome.COMPLETED else Outcome(trial.outcome).text,
     )
     return f'<tr title="{escape(reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
-
-
-def number(value: float, decimals: int) -> str:
-    """Return a number, or a dash if it is not known."""
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
 
 
 def status_html(graph: GraphView, said: Practice.Feedback) -> str:
@@ -68,7 +64,7 @@ def status_html(graph: GraphView, said: Practice.Feedback) -> str:
     phase = graph.sample.phase if graph.sample is not None else Phase.IDLE
     lines.append(
         f'<div data-testid="phase">{escape(said.stage or "–")} · {phase.name.lower()} · '
-        f"{number(said.duration_s, 2)} s · error up to {number(said.max_error_rad, 3)} rad</div>"
+        f"{fixed(said.duration_s, 2)} s · error up to {fixed(said.max_error_rad, 3)} rad</div>"
     )
     if graph.answer:
         lines.append(_line("answer", graph.answer, "#c92a2a" if graph.alarm else "#2b8a3e"))
