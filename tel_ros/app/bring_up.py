@@ -17,7 +17,7 @@ from typing import Any
 
 import psutil
 
-from tel_ros.app.errors import NodeDiedError
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
 from tel_ros.core.config import Config
 
 MODULES = {
@@ -97,12 +97,13 @@ class NodeProcesses:
         return {name: process.pid for name, process in self._processes.items()}
 
     def check(self) -> None:
-        """Raise NodeDiedError if a node has ended; it says which, how, and what the node said last."""
+        """Raise GraphError if a node has ended; it says which, how, and what the node said last."""
         for name, process in self._processes.items():
             code = process.poll()
             if code is not None:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-                raise NodeDiedError(f"node {name} {how}{self._last_words(name)}", code)
+                exit_code = EXIT_BAD_INPUT if code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
+                raise GraphError(f"node {name} {how}{self._last_words(name)}", exit_code)
 
     def stop(self) -> None:
         """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""

@@ -11,7 +11,14 @@ from typing import Any, NoReturn
 
 import click
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, end, wants_traceback
+from tel_ros.app.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_GRAPH_FAILED,
+    EXIT_INTERRUPTED,
+    GraphError,
+    end,
+    wants_traceback,
+)
 from tel_ros.core.errors import TelError
 
 _LABORATORY = "tel_lab"

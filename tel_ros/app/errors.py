@@ -1,4 +1,4 @@
-"""What can go wrong in a command, with the exit code that tells it to scripts."""
+"""What can go wrong around the graph, with the exit code that tells it to scripts."""
 
 from __future__ import annotations
 
@@ -20,14 +20,8 @@ EXIT_INTERRUPTED = 130
 class GraphError(TelError):
     """The node graph did not come up, or broke down; with the exit code that tells why."""
 
-    exit_code = EXIT_GRAPH_FAILED
-
-
-class NodeDiedError(GraphError):
-    """A node's process ended, with an exit code, although the run had not."""
-
-    def __init__(self, message: str, exit_code: int) -> None:
-        self.exit_code = EXIT_BAD_INPUT if exit_code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
+    def __init__(self, message: str, exit_code: int = EXIT_GRAPH_FAILED) -> None:
+        self.exit_code = exit_code
         super().__init__(message)
 
 

@@ -158,7 +158,8 @@ def _refuse_second_graph(node: Node, executor: SingleThreadedExecutor, config: C
 def _run(
     node: Node, config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside, resume: bool
 ) -> Practice.Result:
-    config_file, logs = folder / CONFIG_FILE, folder / LOG_FOLDER
+    executor, config_file, logs = node.executor, folder / CONFIG_FILE, folder / LOG_FOLDER
+    assert executor is not None  # _client_node
     nodes = NodeProcesses(
         config_file, node_names(config), logs, resume=resume, namespace=node.get_namespace()
     )
@@ -170,7 +171,7 @@ def _run(
         def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
             end = time.monotonic() + timeout_s
             while not done():
-                node.executor.spin_once(timeout_sec=0.1)
+                executor.spin_once(timeout_sec=0.1)
                 nodes.check()
                 if time.monotonic() > end:
                     raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {logs}")

@@ -92,12 +92,13 @@ def practice(
         signal.signal(number, signal.default_int_handler)
     try:
         beside = beside_run(with_view, _PROGRESS, namespace)
-        if config_file is None:
+        if resumed is not None:
             folder = resumed
             with ProgressView(_PROGRESS) as progress:
                 told = partial(_say_what_goes_on, folder)
                 result = resume(folder, told, progress.update, beside, namespace)
         else:
+            assert config_file is not None  # as checked above
             folder = out or Path("bags") / f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}"
             config = load_config(config_file, overrides, partial(description_in, namespace))
             with ProgressView(_PROGRESS) as progress:

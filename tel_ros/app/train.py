@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 from rich.console import Console
 
-from tel_ros.app.config_argument import overrides_option
+from tel_ros.app.config_argument import F, overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
 from tel_ros.app.tables import compact_table, fixed, show, simple_table, training_error
 
@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from tel_ros.recording.retraining import Retraining
 
 
-def _import_option(name: str, about: str, **settings: Any) -> Any:
-    return click.option(name, help=f"With --import: {about}", **settings)
-
-
-_default = partial(_import_option, show_default=True)
+def _import_option(name: str, about: str, **settings: Any) -> Callable[[F], F]:
+    shown = bool(settings.get("default"))
+    return click.option(name, help=f"With --import: {about}", show_default=shown, **settings)
 
 
 @click.command()
@@ -41,21 +39,21 @@ _default = partial(_import_option, show_default=True)
     "--json", "as_json", is_flag=True, help="Print what came out as JSON, and nothing else, on stdout."
 )
 @click.option("--import", "imports", is_flag=True, help="BAGs are recordings that other programs made.")
-@_default(
+@_import_option(
     "--learner", "rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.", default="rigid_body"
 )
 @_import_option("--urdf", "URDF of the arm (or package://…); for rigid_body.", default="")
 @_import_option("--topic", "topic of the bags. Default: the one that has efforts.", default="")
 @_import_option("--joints", "joints to learn, a,b,c. Default: all that have efforts.", default="")
-@_default("--rate-hz", "rate of the samples that are learned from, at most.", type=float, default=200.0)
+@_import_option("--rate-hz", "rate of the samples that are learned from, at most.", type=float, default=200.0)
 @_import_option("--cutoff-hz", "zero-phase low-pass, 0 for none. Default: chosen from the data.", type=float)
-@_default(
+@_import_option(
     "--weights",
     "how trees find their weights.",
     type=click.Choice(["least_squares", "lms"]),
     default="least_squares",
 )
-@_default(
+@_import_option(
     "--max-subtrees",
     "that grow for each joint; with many joints each of them costs much time.",
     type=click.IntRange(min=0),

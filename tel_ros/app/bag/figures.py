@@ -212,7 +212,7 @@ def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Fig
     return figure, [list(row) for row in grid]
 
 
-def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: object) -> None:
+def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
     axes.plot(*thinned(time_s, values, 3000), **style)  # more than a figure has pixels
 
 

@@ -13,12 +13,8 @@ import click
 from rich.console import Console
 
 from tel_ros.app.config_argument import config_argument, namespace_option
-from tel_ros.app.errors import (
-    EXIT_BAD_INPUT,
-    EXIT_INTERRUPTED,
-    GraphError,
-    end,
-)
+from tel_ros.app.errors import EXIT_INTERRUPTED, end
+from tel_ros.app.tables import simple_table
 from tel_ros.core.check.checks import worst
 from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
@@ -102,10 +98,6 @@ def check(
     try:
         config = load_config(config_file, overrides, partial(description_in, namespace))
         findings = check_arm(config, None if passive else bounds, agree, listen_s, namespace)
-    except GraphError as error:
-        end(str(error), error.exit_code)
-    except TelError as error:
-        end(str(error), EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         end("interrupted: zero effort was commanded if anything was", EXIT_INTERRUPTED)
     if as_json:

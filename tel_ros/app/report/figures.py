@@ -81,11 +81,15 @@ def path_panels(
         angles = (trial.desired[:, : len(trial.joints)], trial.position_rad, trial.equilibrium_rad)
         paths.append([chain.hand_positions(each[trial.run]) for each in angles])
     plane = drawing_plane(np.vstack([curve for path in paths for curve in path]))
+
+    def shown(curve_m: FloatArray) -> FloatArray:
+        return plane.project(curve_m)[evenly_spaced(len(curve_m), most_points)]
+
     panels = [
         PathPanel(
             f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
             f"RMS error {significant(trial.summary.rms_error_rad)} rad",
-            *(plane.project(curve)[evenly_spaced(len(curve), most_points)] for curve in path),
+            *(shown(path[0]), shown(path[1]), shown(path[2])),
             completed=trial.summary.completed,
         )
         for trial, path in zip(drawn, paths, strict=True)
@@ -320,7 +324,7 @@ def over_trials(
         if not trial.completed:
             axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
     for values, label, colour, marker in series:
-        style = {"color": colour, "marker": marker, "label": label or None}
+        style: dict[str, Any] = {"color": colour, "marker": marker, "label": label or None}
         axes.plot(numbers, values, markersize=3.6, linewidth=1.0, **style)
     known = [value for values, *_ in series for value in values if math.isfinite(value)]
     if log and any(value > 0.0 for value in known):

@@ -75,6 +75,7 @@ def _view_process(
         )
     with suppress(OSError):  # it may have died already
         # Shorter than a pipe's buffer, so this does not wait.
+        assert process.stdin
         process.stdin.write(f"{secrets.token_urlsafe()}\n")
         process.stdin.close()
 
