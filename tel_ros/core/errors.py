@@ -15,11 +15,7 @@ class TelError(Exception):
 class ConfigError(TelError):
     """A configured value cannot be used.
 
-    Args:
-        key: dotted name of the value, as far as the raiser knows it.
-        value: what was found.
-        expected: what would have been right.
-        source: file or option that the value came from, where known.
+    The key is dotted, as far as the raiser knows it; the source is a file or an option.
     """
 
     def __init__(self, key: str, value: object, expected: str, source: str | None = None) -> None:
@@ -34,13 +30,7 @@ class ConfigError(TelError):
 
 
 class InputFileError(TelError):
-    """A file that the user named cannot be used.
-
-    Args:
-        path: the file.
-        found: what is wrong with it.
-        expected: what would have been right.
-    """
+    """A file that the user named cannot be used."""
 
     def __init__(self, path: object, found: str, expected: str) -> None:
         self.path, self.found, self.expected = str(path), found, expected

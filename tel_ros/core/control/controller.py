@@ -27,7 +27,7 @@ class EpController:
     and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
     it may run slower or faster than the wall clock.
 
-    The empty limits of the arm must have been filled from the URDF.
+    The arm's empty limits must have been filled from the URDF.
     """
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig | None = None) -> None:

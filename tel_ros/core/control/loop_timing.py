@@ -27,26 +27,17 @@ LONGEST_GAP_S = 0.02
 
 
 def missed_ticks(stamps_ns: IntArray, rate_hz: float) -> int:
-    """Return how many periods had no state of their own, by the stamps alone.
+    """Return how many periods had no state of their own, by the stamps of those that were answered.
 
     A state that is late by more than half a period leaves its place empty, as one does that never came; n
     periods between two stamps are n - 1 missed ticks.
-
-    Args:
-        stamps_ns: of the states that were answered. Shape (n,).
-        rate_hz: as configured.
     """
     periods = np.diff(stamps_ns) * (rate_hz / NS_PER_S)
     return int(np.maximum(np.ceil(periods - 0.5) - 1.0, 0.0).sum())
 
 
 class LoopTimer:
-    """Notes three times a tick, in memory that is there before the trial begins.
-
-    Args:
-        rate_hz: as configured.
-        capacity: ticks to keep without asking for more memory.
-    """
+    """Notes three times a tick, in memory for ``capacity`` ticks that is there before the trial begins."""
 
     def __init__(self, rate_hz: float, capacity: int) -> None:
         self._rate_hz = rate_hz
@@ -60,20 +51,12 @@ class LoopTimer:
         self._n = 0
 
     def add(self, stamp_ns: int, arrived_ns: int, answered_ns: int) -> None:
-        """Note a state that has been answered.
-
-        Args:
-            stamp_ns: its stamp.
-            arrived_ns: when it was taken, by a monotonic clock.
-            answered_ns: when the command had been sent, by the same clock.
-        """
+        """Note a state that has been answered: taken and answered by the same monotonic clock."""
         n = self._n
         if n == len(self._stamps_ns):
             for times_ns in (self._stamps_ns, self._arrived_ns, self._answered_ns):
                 times_ns.extend(_room(n))
-        self._stamps_ns[n] = stamp_ns
-        self._arrived_ns[n] = arrived_ns
-        self._answered_ns[n] = answered_ns
+        self._stamps_ns[n], self._arrived_ns[n], self._answered_ns[n] = stamp_ns, arrived_ns, answered_ns
         self._n = n + 1
 
     def timing(self) -> LoopTiming | None:

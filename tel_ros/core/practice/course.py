@@ -79,9 +79,7 @@ class Course:
     One number says where on the course a movement is, its slowness: the product over all legs. It falls from
     :attr:`first_slowness` to :attr:`goal_slowness`; if only the speed varies, it is the duration in seconds.
 
-    Args:
-        legs: at least one; no two vary the same.
-        goal: the movement that was asked for, or the part of it that this course is about.
+    At least one, and no two vary the same. The goal is the movement that was asked for, or a part of it.
     """
 
     def __init__(self, legs: Sequence[Leg], goal: Movement) -> None:

@@ -29,13 +29,7 @@ def require_within_velocity_limits(
 
     Velocities are known from the path alone: at equal shares of the duration they go with its inverse. So a
     movement beyond a velocity limit is a mistake in the configuration. (Effort limits show only as practice
-    goes on.)
-
-    Args:
-        config: practice and arm; the arm's empty limits must have been filled from the URDF.
-        movements: the fastest of the strategy.
-        path: the configured path.
-        known: the path at shape 0; None if there is none.
+    goes on.) The arm's empty limits must have been filled from the URDF.
 
     Raises:
         ConfigError: the arm would have to move too fast, or the shape varies and no path is known.

@@ -15,10 +15,7 @@ _FORECAST_POINTS = 200
 def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
     """Return the path of a movement: blended, then scaled, then cut. The goal itself if nothing varies.
 
-    Args:
-        goal: the configured path.
-        known: the path at shape 0; None if there is none.
-        movement: what to vary, and how far.
+    ``known`` is the path at shape 0; None: there is none.
 
     Raises:
         ConfigError: the shape varies, and no path is known.
@@ -56,14 +53,8 @@ def forecast_of(
 ) -> Forecast:
     """Return a forecast from a prediction: following y exactly takes τ = K (û - y) - B ẏ.
 
-    Stiffer springs turn the same error in the effort into a smaller deviation.
-
-    Args:
-        desired: y, as asked about.
-        equilibrium_rad: û for the configured springs. Shape (n, n_joints).
-        std_rad: its standard deviation. Shape (n, n_joints).
-        configured: K and B.
-        movement: gives the stiffness.
+    û and its standard deviation are for the configured springs, K and B; stiffer ones turn the same error in
+    the effort into a smaller deviation. Shapes (n, n_joints).
     """
     effort_nm = configured.effort(equilibrium_rad, desired.position_rad, desired.velocity_rad_s)
     return Forecast(std_rad / movement.stiffness, effort_nm)

@@ -49,16 +49,13 @@ class Movement:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What the learner expects of a movement, at points along it that are equally distant in time.
-
-    Args:
-        std_rad: standard deviation of the error in the command, for springs as stiff as those of the
-            movement; inf where nothing is known. Shape (n, n_joints).
-        effort_nm: what the movement needs, as far as the learner knows. Shape (n, n_joints).
-    """
+    """What the learner expects of a movement, at n points that are equally distant in time."""
 
     std_rad: FloatArray
+    """Standard deviation of the error in the command, for springs as stiff as those of the movement; inf
+    where nothing is known. Shape (n, n_joints)."""
     effort_nm: FloatArray
+    """What the movement needs, as far as the learner knows. Shape (n, n_joints)."""
 
 
 Forecaster = Callable[[Movement], Forecast]

@@ -29,10 +29,7 @@ class StateGate:
     Velocities that the arm does not report are estimated (:class:`MissingVelocities`), and how late a state
     is, is told by its arrival (:class:`Latency`).
 
-    Args:
-        arm: names, in the order of all arrays, and velocity limits, filled from the URDF where empty.
-        control: how to estimate velocities, and for how long a state is awaited.
-        clock_drift: for the latency; None: states are never late.
+    The arm's velocity limits must have been filled from the URDF. Without ``clock_drift`` no state is late.
     """
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, clock_drift: float | None = None) -> None:
