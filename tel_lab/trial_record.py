@@ -29,12 +29,7 @@ _POINTS = 400
 
 @dataclass(frozen=True)
 class ArmChange:
-    """Another arm from some trial on.
-
-    Args:
-        at_trial: index of the first trial with it.
-        sim: values that differ.
-    """
+    """Another arm from some trial on: the values of the simulation that differ."""
 
     at_trial: int
     sim: dict[str, float]
@@ -47,13 +42,7 @@ class ArmChange:
 def practise(
     config: Config, change: ArmChange | None = None, *, exact: bool = False
 ) -> tuple[list[PractisedTrial[Trial]], Ending]:
-    """Run what a configuration asks for; return the trials and how it ended.
-
-    Args:
-        config: of the practice run.
-        change: to another arm on the way.
-        exact: command with the exact model of the arm instead of the configured learner.
-    """
+    """Run what a configuration asks for, or with the exact model; return the trials and how it ended."""
 
     def learner(sim: SimConfig) -> Any:
         return ExactInverseDynamics(config, sim) if exact else new_network(config)
@@ -78,45 +67,26 @@ def verdict(met: bool, wanted: str, found: str) -> str:
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """One trial of a practice run.
+    """What is kept of a trial: plan, report, and how far a joint came off its path, braking included."""
 
-    Args:
-        duration_s: of the movement.
-        rms_rad: tracking error, also of a trial that was aborted.
-        expected_rms_rad: what the strategy expected; NaN if nothing.
-        excursion_rad: largest deviation of a joint from its path, the braking after an abort included.
-        completed: whether the trial came to its end.
-        saturated: share of the commands that were clipped.
-        went_back_to: trial whose network was taken up again before this one; None: no going back.
-        reason: why this trial was made.
-        message: why it was aborted; empty otherwise.
-    """
-
-    duration_s: float
-    rms_rad: float
-    expected_rms_rad: float
+    plan: PlannedTrial
+    report: TrialReport
     excursion_rad: float
-    completed: bool
-    saturated: float
-    went_back_to: int | None
-    reason: str
-    message: str
 
+    @classmethod
+    def of(cls, practised: PractisedTrial[Trial]) -> TrialRecord:
+        """Return what is kept of a trial."""
+        return cls(practised.plan, practised.report, excursion_rad(practised.trial))
 
-def record(practised: PractisedTrial[Trial]) -> TrialRecord:
-    """Return what is kept of a trial."""
-    plan, report = practised.plan, practised.trial.report
-    return TrialRecord(
-        duration_s=report.duration_s,
-        rms_rad=report.rms_error_rad,
-        expected_rms_rad=plan.expected_rms_rad,
-        excursion_rad=excursion_rad(practised.trial),
-        completed=report.outcome == Outcome.COMPLETED,
-        saturated=report.saturated_ratio,
-        went_back_to=plan.go_back_to,
-        reason=plan.reason,
-        message=report.message,
-    )
+    @property
+    def completed(self) -> bool:
+        """Whether the trial came to its end."""
+        return self.report.outcome == Outcome.COMPLETED
+
+    @property
+    def rms_mrad(self) -> float:
+        """Tracking error, also of a trial that was aborted."""
+        return 1e3 * self.report.rms_error_rad
 
 
 def excursion_rad(trial: Trial) -> float:
@@ -138,10 +108,7 @@ def excursion_rad(trial: Trial) -> float:
 def effort_share(
     arm: ArmConfig, exact: ExactInverseDynamics, path: Path, duration_s: float, rate_hz: float = 0.0
 ) -> float:
-    """Return the largest share of an effort limit that following a path exactly needs.
-
-    It is looked at ``rate_hz`` times a second; 0: at 400 points.
-    """
+    """Return the largest share of an effort limit that a path needs, at 400 points or so often a second."""
     desired = sample(path, duration_s, rate_hz or _POINTS / duration_s)
     offset_rad = exact.predict(query_inputs(desired, 0.0))
     effort_nm = np.array(arm.stiffness_nm_per_rad) * offset_rad

@@ -10,17 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from tel_lab.comparison.method_runs import Comparison
-from tel_lab.comparison.methods import Given
 from tel_lab.comparison.results import COLUMNS, MeritColumn, MethodRun
 from tel_lab.comparison.statistics import Median, median, standing
 from tel_lab.tables import Column, Table, of_texts, write_figure
 from tel_ros.core.errors import InputFileError
+from tel_ros.recording.run_folder import json_ready
 
-GIVEN_MARK = {"nothing": "", "kinematics": " ¹", "model": " ²"}
+GIVEN_MARK: dict[str, str] = {"nothing": "", "kinematics": " ¹", "model": " ²"}
 GIVEN_NOTE = (
     "¹ is told the kinematics of the arm; ² is told the whole model. All others are told K and B alone."
 )
-GIVENS: tuple[Given, ...] = ("nothing", "kinematics", "model")
 NONE, NEVER = "–", "never"
 NAME = "comparison"
 NONE_NOTE = f"{NONE}: a stored command sequence cannot follow another path."
@@ -76,7 +75,7 @@ def csv_text(comparison: Comparison) -> str:
     """Return one line a method and arm; angles in rad, ``inf`` for never and aborted, empty for none."""
 
     def figure(column: MeritColumn) -> Column[MethodRun]:
-        return Column(column.key, lambda run: _six_digits(column.value(run)))
+        return Column(column.key, lambda run: f"{column.value(run):.6g}".replace("nan", ""))
 
     columns: list[Column[MethodRun]] = [
         Column("method", lambda run: run.method),
@@ -86,20 +85,11 @@ def csv_text(comparison: Comparison) -> str:
         Column("arm_s", lambda run: f"{run.arm_s:.3f}"),
         Column("message", lambda run: run.message),
     ]
-    return Table(columns, all_runs(comparison)).csv()
+    return Table(columns, [run for spec in comparison.methods for run in comparison.runs[spec.name]]).csv()
 
 
-def _six_digits(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}"
-
-
-def all_runs(comparison: Comparison) -> list[MethodRun]:
-    """Return all runs, method by method."""
-    return [run for spec in comparison.methods for run in comparison.runs[spec.name]]
-
-
-def plain(comparison: Comparison) -> dict[str, Any]:
-    """Return everything as JSON can hold it: null for never, aborted and none."""
+def json_text(comparison: Comparison) -> str:
+    """Return everything as JSON: null for never, aborted and none."""
 
     def record(run: MethodRun) -> dict[str, Any]:
         return {
@@ -118,37 +108,20 @@ def plain(comparison: Comparison) -> dict[str, Any]:
             "runs": [record(run) for run in comparison.runs[spec.name]],
         }
     speed = {"arm_s": comparison.arm_s, "wall_s": comparison.wall_s, "cpu_s": comparison.cpu_s}
-    finite: dict[str, Any] = _finite({"methods": methods, "speed": speed})
-    return finite
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def json_text(comparison: Comparison) -> str:
-    """Return :func:`plain` as text."""
-    return json.dumps(plain(comparison), indent=2, allow_nan=False)
+    return json.dumps(json_ready({"methods": methods, "speed": speed}), indent=2, allow_nan=False)
 
 
 def standings(comparison: Comparison, family: str) -> Iterator[list[str]]:
     """Yield a row a method of a family: its title, and where it stands in each column.
 
-    It is compared with the methods outside the family that are told no more than it is.
-
-    Args:
-        comparison: all results.
-        family: how the names of its methods begin.
+    It is compared with the methods outside the family that are told no more than it is. Names of methods of a
+    family begin with its name.
     """
     titles = {spec.name: spec.title for spec in comparison.methods}
     for spec in comparison.methods:
         if not spec.name.startswith(family):
             continue
-        told = GIVENS[: GIVENS.index(spec.given) + 1]
+        told = [*GIVEN_MARK][: [*GIVEN_MARK].index(spec.given) + 1]
         rivals = [s.name for s in comparison.methods if s.given in told and not s.name.startswith(family)]
         row = [spec.title + GIVEN_MARK[spec.given]]
         for column in COLUMNS:
@@ -169,13 +142,7 @@ def speed_text(comparison: Comparison) -> str:
 
 
 def page(comparison: Comparison, command: str, figure: str) -> str:
-    """Return the page with table, figure and standings.
-
-    Args:
-        comparison: all results.
-        command: what made it.
-        figure: file of the figure, as seen from the page.
-    """
+    """Return the page with table, figure (a file, as seen from the page) and standings."""
     runs = comparison.runs[comparison.methods[0].name]
     tolerance = f"{1e3 * runs[0].tolerance_rad:g} mrad RMS at {runs[0].goal_duration_s:g} s"
     methods = "\n".join(f"- *{spec.title}*: {spec.note}" for spec in comparison.methods)
@@ -216,11 +183,6 @@ learn from what was recorded, TEL adaptive goes back.
 
 def write_files(comparison: Comparison, folder: Path, command: str) -> None:
     """Write comparison.csv, .json, .md, .svg and .png into a folder; files of these names are replaced.
-
-    Args:
-        comparison: all results.
-        folder: is made if it is missing.
-        command: what made it, for the page.
 
     Raises:
         InputFileError: the folder cannot be written to.

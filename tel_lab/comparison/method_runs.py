@@ -17,11 +17,10 @@ from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_lab.random_arm import vary
 from tel_lab.random_path import random_smooth_path
 from tel_lab.study import StudyOptions
-from tel_ros.core.config import ArmConfig, Config
+from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, TrainingError
 from tel_ros.core.learning.signals import learning_record
 from tel_ros.core.practice.strategy import Movement, PlannedTrial
-from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S
@@ -32,13 +31,7 @@ from tel_ros.recording.waypoint_file import load_path
 
 @dataclass(frozen=True)
 class Task:
-    """What is compared.
-
-    Args:
-        config_file: YAML of the arm, the path and the movement that is wanted.
-        settings: other values for its keys, as for ``--set``.
-        trials: budget of every method.
-    """
+    """What is compared: practice of a configuration, with other values as for ``--set``, on a budget."""
 
     config_file: Path
     settings: tuple[str, ...] = ()
@@ -47,13 +40,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All runs, and how long they took.
-
-    Args:
-        methods: in the order of tables.
-        runs: of each method, in the order of the seeds.
-        wall_s: elapsed while they were made.
-    """
+    """All runs of each method in the order of the seeds, and how long they took."""
 
     methods: tuple[MethodSpec, ...]
     runs: dict[str, tuple[MethodRun, ...]]
@@ -93,37 +80,20 @@ def compare(task: Task, methods: Sequence[str] = (), n_seeds: int = 10, jobs: in
 
 
 def method_config(task: Task, spec: MethodSpec, seed: int) -> Config:
-    """Return the configuration of one run: the arm of that seed, and the settings of the method.
-
-    Raises:
-        ConfigError: a value is wrong.
-        InputFileError: the file cannot be read.
-    """
-    settings = (
-        *task.settings,
-        f"practice.trials={task.trials}",
-        "practice.on_abort=continue",
-        f"seed={seed}",
-    )
-    config = load_config(task.config_file, (*settings, *spec.settings))
-    sim = vary(config.sim, seed, n_joints=len(config.arm.joints))
-    return dataclasses.replace(config, sim=sim, arm=_stiffer(config.arm, *spec.stiffer))
-
-
-def _stiffer(arm: ArmConfig, on_stiffness: float, on_damping: float) -> ArmConfig:
-    return dataclasses.replace(
+    """Return the configuration of one run: the arm of that seed, and the settings of the method."""
+    own = (f"practice.trials={task.trials}", "practice.on_abort=continue", f"seed={seed}", *spec.settings)
+    config = load_config(task.config_file, (*task.settings, *own))
+    arm, (on_stiffness, on_damping) = config.arm, spec.stiffer
+    stiffer = dataclasses.replace(
         arm,
         stiffness_nm_per_rad=tuple(on_stiffness * value for value in arm.stiffness_nm_per_rad),
         damping_nms_per_rad=tuple(on_damping * value for value in arm.damping_nms_per_rad),
     )
+    return dataclasses.replace(config, sim=vary(config.sim, seed, n_joints=len(arm.joints)), arm=stiffer)
 
 
 def run_method(task: Task, name: str, seed: int) -> MethodRun:
-    """Practise with one method on the arm of one seed, then test what was learned.
-
-    Raises:
-        TelError: the configuration is wrong, or the arm must not follow the movement.
-    """
+    """Practise with one method on the arm of one seed, then test what was learned."""
     (spec,) = chosen([name])
     config = method_config(task, spec, seed)
     started = time.process_time()
@@ -183,14 +153,12 @@ def _tested(
     arm: OfflineArm, method: Method, config: Config, seed: int
 ) -> tuple[TrialResult, TrialResult | None]:
     """Execute the wanted movement and one that was never practised; nothing is learned from either."""
-    desired = goal_movement(config)
-    final = arm.run_trial(TrialGoal(0, 1.0, desired, method.command(desired)))
-    if not method.transfers:
-        return _result(final.report), None
-    other = new_movement(config, seed)
-    return _result(final.report), _result(
-        arm.run_trial(TrialGoal(0, 1.0, other, method.command(other))).report
-    )
+
+    def tested(desired: DesiredTrajectory) -> TrialResult:
+        return _result(arm.run_trial(TrialGoal(0, 1.0, desired, method.command(desired))).report)
+
+    final = tested(goal_movement(config))
+    return final, tested(new_movement(config, seed)) if method.transfers else None
 
 
 def new_movement(config: Config, seed: int) -> DesiredTrajectory:
@@ -198,14 +166,10 @@ def new_movement(config: Config, seed: int) -> DesiredTrajectory:
 
     It is as fast as it can be without exceeding the largest speed or acceleration of the wanted movement in
     any joint: so it needs no more than was practised, only something else.
-
-    Args:
-        config: path and duration of the movement that is practised.
-        seed: of the path.
     """
     practised = goal_movement(config)
     low, high = practised.position_rad.min(axis=0), practised.position_rad.max(axis=0)
-    path: JointPath = random_smooth_path(seed, low, high)
+    path = random_smooth_path(seed, low, high)
     rate_hz, duration_s = config.control.rate_hz, config.practice.goal_duration_s
     other = sample(path, duration_s, rate_hz)
     faster = np.abs(other.velocity_rad_s).max(axis=0) / np.abs(practised.velocity_rad_s).max(axis=0)

@@ -10,12 +10,8 @@ from dataclasses import dataclass
 class TrialResult:
     """How one trial went.
 
-    Args:
-        duration_s: of the movement.
-        completed: False if it was aborted.
-        rms_error_rad: of the joints, measured minus desired; of an aborted trial as far as it went.
-        max_error_rad: likewise. Both are NaN if the movement did not begin.
-        arm_s: how long the arm was busy with it, approach and coming to rest included.
+    Errors are measured minus desired, of an aborted trial as far as it went; NaN if the movement did not
+    begin. ``arm_s``: how long the arm was busy with it, approach and coming to rest included.
     """
 
     duration_s: float
@@ -30,11 +26,8 @@ class MethodRun:
     """Practice with one method on one arm, and what it could do afterwards.
 
     Args:
-        method: its name.
         seed: of the arm, its noise and the new path.
-        goal_duration_s: of the movement that was wanted.
-        tolerance_rad: RMS error at that duration that counts as having learned it.
-        trials: the trials of practice.
+        tolerance_rad: RMS error at the goal duration that counts as having learned the movement.
         final: one more trial of the movement with what was learned.
         new_path: a trial of a movement that was never practised; None if the method has no command for it.
         cpu_s: processor time that simulation and learning took.
@@ -54,8 +47,7 @@ class MethodRun:
     @property
     def arm_s(self) -> float:
         """How long the arm was busy altogether."""
-        tests = (self.final,) if self.new_path is None else (self.final, self.new_path)
-        return _busy_s(*self.trials, *tests)
+        return _busy_s(*self.trials, self.final, *filter(None, [self.new_path]))
 
     @property
     def trials_to_tolerance(self) -> float:
@@ -71,9 +63,7 @@ class MethodRun:
     def arm_s_to_tolerance(self) -> float:
         """Time of the arm until the end of that trial; inf if there was none."""
         number = self.trials_to_tolerance
-        if math.isinf(number):
-            return math.inf
-        return _busy_s(*self.trials[: int(number)])
+        return number if math.isinf(number) else _busy_s(*self.trials[: int(number)])
 
     @property
     def final_error_rad(self) -> float:
@@ -82,10 +72,7 @@ class MethodRun:
 
     @property
     def largest_deviation_rad(self) -> float:
-        """Largest deviation of any joint in any trial of practice.
-
-        A trial that was aborted before the movement began has none.
-        """
+        """Largest deviation of any joint in any trial of practice in which the movement began."""
         known = [trial.max_error_rad for trial in self.trials if not math.isnan(trial.max_error_rad)]
         return max(known, default=math.nan)
 

@@ -24,19 +24,11 @@ class Method(Protocol):
     """Whether it has a command for a movement that it never executed."""
 
     def command(self, desired: DesiredTrajectory) -> FloatArray:
-        """Return the equilibrium trajectory û [rad] to send for a desired one. Shape (n, n_joints).
-
-        Raises:
-            TrajectoryError: it has none for this movement.
-        """
+        """Return û [rad] for a movement, shape (n, n_joints); TrajectoryError if it has none for it."""
         ...
 
     def learn(self, trial: TrialSignals, completed: bool) -> None:
-        """Take in a trial.
-
-        Args:
-            trial: as recorded.
-            completed: False if it was aborted; the record ends with the abort then.
+        """Take in a trial; the record of an aborted one ends with the abort.
 
         Raises:
             TrainingError: it cannot be learned from; the method stays as it was.
@@ -47,10 +39,7 @@ class Method(Protocol):
 class Feedforward:
     """û = y + N(y) with an N that never changes.
 
-    Args:
-        predict: N, from inputs (q, q̇, q̈) of shape (n, 3 * n_joints) to offsets u - q [rad] of shape
-            (n, n_joints).
-        control_period_s: how long one command acts.
+    N turns inputs (q, q̇, q̈) of shape (n, 3 * n_joints) into offsets u - q [rad] of shape (n, n_joints).
     """
 
     learns, transfers = False, True
@@ -75,11 +64,7 @@ def servo(control_period_s: float) -> Feedforward:
 def with_velocity_reference(desired: DesiredTrajectory, damping_s: FloatArray) -> FloatArray:
     """Return û [rad] of the servo τ = K (y - q) + B (ẏ - q̇), the usual form: û = y + K⁻¹ B ẏ.
 
-    Whoever chose K and B knows it without any model of the arm.
-
-    Args:
-        desired: y.
-        damping_s: K⁻¹ B. Shape (n_joints,).
+    Whoever chose K and B knows it without any model of the arm. ``damping_s``: K⁻¹ B. Shape (n_joints,).
     """
     reference: FloatArray = desired.position_rad + damping_s * desired.velocity_rad_s
     return reference
@@ -93,11 +78,8 @@ class FeedbackErrorLearning:
     û = y + K⁻¹ B ẏ + N(y): the reference of the velocity belongs to the feedback controller of the textbook,
     so N does not have to learn the damping that the controller itself adds.
 
-    Args:
-        learner: N as it is at the beginning.
-        control_period_s: how long one command acts.
-        gain: η; of 0.05, 0.1, 0.2 and 0.5 the default left the least error after 15 trials (geometric mean
-            over the arm of ``config/paper.yaml`` and two with 0.8 and 1.25 times its inertia).
+    Of the gains η = 0.05, 0.1, 0.2 and 0.5 the default left the least error after 15 trials (geometric mean
+    over the arm of ``config/paper.yaml`` and two with 0.8 and 1.25 times its inertia).
     """
 
     learns = transfers = True
@@ -113,11 +95,7 @@ class FeedbackErrorLearning:
         return with_velocity_reference(desired, self._damping_s) + learned
 
     def learn(self, trial: TrialSignals, completed: bool) -> None:
-        """Train N with the feedback effort, of an aborted trial as far as it went.
-
-        Raises:
-            TrainingError: the record is too short, or what was learned is not finite.
-        """
+        """Train N with the feedback effort, of an aborted trial as far as it went."""
         learning = self._learner.context.learning
         samples = configured_samples(trial, learning)
         n_joints = len(self._learner.context.joints)

@@ -8,19 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, quantile_test
 
-CONFIDENCE = 0.95
-_SIGNIFICANT = 0.05
-
 
 @dataclass(frozen=True)
 class Median:
-    """The middle of some values.
-
-    Args:
-        value: the median.
-        low: lower end of its interval; NaN if there are too few values for one.
-        high: upper end.
-    """
+    """The middle of some values, and the ends of its interval; NaN if there are too few values for one."""
 
     value: float
     low: float
@@ -31,14 +22,11 @@ def median(values: Sequence[float]) -> Median:
     """Return the median with its 95 % interval between order statistics.
 
     The interval is exact whatever the distribution, and holds for values that are inf ("never") as well,
-    which a bootstrap of the mean would not survive. It takes at least six values.
-
-    Args:
-        values: at least one; inf is allowed, NaN is not.
+    which a bootstrap of the mean would not survive. It takes at least six values; none may be NaN.
     """
     with np.errstate(invalid="ignore"):  # the middle between inf and inf
         middle = float(np.median(values)) if not np.all(np.isinf(values)) else float(values[0])
-    interval = quantile_test(values, p=0.5).confidence_interval(CONFIDENCE)
+    interval = quantile_test(values, p=0.5).confidence_interval(0.95)
     return Median(middle, float(interval.low), float(interval.high))
 
 
@@ -58,17 +46,9 @@ class Standing:
 
 
 def standing(method: str, values: Mapping[str, Sequence[float]]) -> Standing:
-    """Return where a method stands among others that went through the same arms; less is better.
-
-    Args:
-        method: one of the keys.
-        values: of each method, in the order of the arms; none is NaN.
-    """
-    own = values[method]
-    ahead = [
-        name for name, other in values.items() if name != method and median(other).value < median(own).value
-    ]
-    ahead.sort(key=lambda name: median(values[name]).value)
+    """Return where a method stands among others; less is better. Values: in the order of the arms."""
+    own, medians = values[method], {name: median(found).value for name, found in values.items()}
+    ahead = sorted((name for name in values if medians[name] < medians[method]), key=medians.__getitem__)
     clearly = tuple(name for name in ahead if is_worse(own, values[name]))
     if clearly:
         return Standing("behind", clearly)
@@ -81,4 +61,4 @@ def is_worse(one: Sequence[float], other: Sequence[float]) -> bool:
     smaller = sum(a < b for a, b in zip(one, other, strict=True))
     if larger + smaller == 0:
         return False
-    return bool(binomtest(larger, larger + smaller, 0.5, alternative="greater").pvalue < _SIGNIFICANT)
+    return bool(binomtest(larger, larger + smaller, 0.5, alternative="greater").pvalue < 0.05)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -36,19 +35,21 @@ def zero_phase(command_rad: FloatArray, cutoff_hz: float, period_s: float) -> Fl
 class StoredCommand(ABC):
     """A command sequence for one movement; there is no model in it that another movement could ask.
 
-    After a trial that was aborted it goes back to the last command
-    that was completed and makes half as large corrections from then on (ours: with the same correction the
-    same trial would follow, and be aborted, for ever).
+    After a trial that was aborted it goes back to the last command that was completed and makes half as large
+    corrections from then on (ours: with the same correction the same trial would be aborted for ever).
 
     Args:
         desired: the movement.
         initial_rad: the command to begin with. Shape (n, n_joints).
+        period_s: from command to command.
     """
 
     learns, transfers = True, False
+    cutoff_hz: float
+    """Of the zero-phase filter Q."""
 
-    def __init__(self, desired: DesiredTrajectory, initial_rad: FloatArray) -> None:
-        self._desired = desired
+    def __init__(self, desired: DesiredTrajectory, initial_rad: FloatArray, period_s: float) -> None:
+        self._desired, self._period_s = desired, period_s
         self._command = self._completed = initial_rad
         self._caution = 1.0
 
@@ -72,79 +73,40 @@ class StoredCommand(ABC):
             self._command = self._completed
             self._caution *= 0.5
             return
+        first = int(np.argmax(trial.run))
+        position_rad = trial.position_rad[first:]
+        error_rad: FloatArray = trial.desired[first:, : position_rad.shape[1]] - position_rad
+        corrected = self._command + self._caution * self._correction(error_rad, len(self._command))
         self._completed = self._command
-        self._command = self._corrected(self._command, tracking_error(trial), self._caution)
+        self._command = zero_phase(corrected, self.cutoff_hz, self._period_s)
 
     @abstractmethod
-    def _corrected(self, command_rad: FloatArray, error_rad: FloatArray, caution: float) -> FloatArray:
-        """Return the next command.
+    def _correction(self, error_rad: FloatArray, n: int) -> FloatArray:
+        """Return what to add to û before the filter. Shape (n, n_joints).
 
-        Args:
-            command_rad: û of the trial. Shape (n, n_joints).
-            error_rad: y - ŷ from the first tick of RUN to the end of the record. Shape (m, n_joints), m >= n.
-            caution: factor on the correction.
+        ``error_rad``: y - ŷ from the first tick of RUN to the end of the record. Shape (m, n_joints), m >= n.
         """
-
-
-def tracking_error(trial: TrialSignals) -> FloatArray:
-    """Return y - ŷ in rad from the first tick of RUN to the end of the record. Shape (m, n_joints)."""
-    first = int(np.argmax(trial.run))
-    position_rad = trial.position_rad[first:]
-    error_rad: FloatArray = trial.desired[first:, : position_rad.shape[1]] - position_rad
-    return error_rad
-
-
-@dataclass(frozen=True)
-class IlcGains:
-    """Gains of the learning law.
-
-    The defaults come from a random search over a simulation of the arm of ``config/paper.yaml`` and of two
-    with 0.8 and 1.25 times its inertia: the least error at 4.5 s after 15 trials.
-
-    Args:
-        proportional: k_p, in rad of command a rad of error.
-        derivative_s: k_d.
-        lead_s: Δ, how much later than a command its effect is looked for.
-        cutoff_hz: of the filter Q.
-    """
-
-    proportional: float = 0.35
-    derivative_s: float = 0.1
-    lead_s: float = 0.05
-    cutoff_hz: float = 10.0
 
 
 class IterativeLearningControl(StoredCommand):
     """û ← Q [û + k_p e(t + Δ) + k_d ė(t + Δ)], e = y - ŷ.
 
     Arimoto, Kawamura and Miyazaki (1984) with the zero-phase Q of later textbooks; see Bristow, Tharayil and
-    Alleyne, "A Survey of Iterative Learning Control" (2006).
-
-    Args:
-        desired: the movement.
-        initial_rad: the command to begin with. Shape (n, n_joints).
-        period_s: from command to command.
-        gains: of the learning law.
+    Alleyne, "A Survey of Iterative Learning Control" (2006). The gains come from a random search over a
+    simulation of the arm of ``config/paper.yaml`` and of two with 0.8 and 1.25 times its inertia: the least
+    error at 4.5 s after 15 trials.
     """
 
-    def __init__(
-        self,
-        desired: DesiredTrajectory,
-        initial_rad: FloatArray,
-        period_s: float,
-        gains: IlcGains | None = None,
-    ) -> None:
-        super().__init__(desired, initial_rad)
-        self._gains, self._period_s = gains or IlcGains(), period_s
+    cutoff_hz = 10.0
+    _proportional, _derivative_s, _lead_s = 0.35, 0.1, 0.05
+    """k_p, k_d, and Δ: how much later than a command its effect is looked for."""
 
-    def _corrected(self, command_rad: FloatArray, error_rad: FloatArray, caution: float) -> FloatArray:
-        gains = self._gains
+    def _correction(self, error_rad: FloatArray, n: int) -> FloatArray:
         rate = np.gradient(error_rad, self._period_s, axis=0)
-        law = gains.proportional * error_rad + gains.derivative_s * rate
+        law: FloatArray = self._proportional * error_rad + self._derivative_s * rate
         # After the end of the record the arm is at rest; the last error stands for what would follow.
-        lead = round(gains.lead_s / self._period_s)
-        later = np.minimum(np.arange(len(command_rad)) + lead, len(law) - 1)
-        return zero_phase(command_rad + caution * law[later], gains.cutoff_hz, self._period_s)
+        later = np.minimum(np.arange(n) + round(self._lead_s / self._period_s), len(law) - 1)
+        return law[later]
 
 
 class VirtualTrajectoryLearning(StoredCommand):
@@ -152,28 +114,12 @@ class VirtualTrajectoryLearning(StoredCommand):
 
     So a virtual trajectory for a wanted movement is found without inverse dynamics; Katayama and Kawato
     (1993) compute it with a learned model. Above the resonance of arm and spring the correction has the wrong
-    sign and every gain diverges, so Q has to cut there: that bounds what is reached.
-
-    Args:
-        desired: the movement.
-        initial_rad: the command to begin with. Shape (n, n_joints).
-        period_s: from command to command.
-        gain: g; the defaults were found like those of iterative learning control.
-        cutoff_hz: of the zero-phase filter Q.
+    sign and every gain diverges, so Q has to cut there: that bounds what is reached. g and Q were found like
+    the gains of iterative learning control.
     """
 
-    def __init__(
-        self,
-        desired: DesiredTrajectory,
-        initial_rad: FloatArray,
-        period_s: float,
-        *,
-        gain: float = 0.15,
-        cutoff_hz: float = 2.0,
-    ) -> None:
-        super().__init__(desired, initial_rad)
-        self._period_s, self._gain, self._cutoff_hz = period_s, gain, cutoff_hz
+    cutoff_hz = 2.0
+    _gain = 0.15
 
-    def _corrected(self, command_rad: FloatArray, error_rad: FloatArray, caution: float) -> FloatArray:
-        corrected = command_rad + caution * self._gain * error_rad[: len(command_rad)]
-        return zero_phase(corrected, self._cutoff_hz, self._period_s)
+    def _correction(self, error_rad: FloatArray, n: int) -> FloatArray:
+        return self._gain * error_rad[:n]

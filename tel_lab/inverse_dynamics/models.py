@@ -7,7 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -49,25 +49,6 @@ class Effort:
     mlp_steps: int = 6000
 
 
-QUICK = Effort(gp_samples=300, gp_tuning_samples=150, gp_iterations=15, mlp_steps=1000)
-
-
-class Model(Protocol):
-    """Anything that learns torque from trials."""
-
-    def fit(self, trials: Sequence[Trial]) -> None:
-        """Learn from scratch."""
-        ...
-
-    def predict(self, inputs: FloatArray) -> FloatArray:
-        """Return torque [N·m] of shape (n, n_joints) for inputs of shape (n, 3 * n_joints)."""
-        ...
-
-    def size_mb(self) -> float:
-        """Return what has to be stored, in MB."""
-        ...
-
-
 class OurModel:
     """A learner of this project: it learns the offset of the EP, one trial after the other.
 
@@ -76,17 +57,12 @@ class OurModel:
 
     def __init__(self, learning: LearningConfig, data: DataSet) -> None:
         self._learning, self._data = learning, data
-        self._stiffness, self._damping = (
-            np.array(data.stiffness_nm_per_rad),
-            np.array(data.damping_nms_per_rad),
-        )
-        self._fit(data.training[:1])  # compiles what has to be compiled, outside of the timing
+        self._stiffness = np.array(data.stiffness_nm_per_rad)
+        self._damping = np.array(data.damping_nms_per_rad)
+        self.fit(data.training[:1])  # compiles what has to be compiled, outside of the timing
 
     def fit(self, trials: Sequence[Trial]) -> None:
         """Begin anew and go through the trials."""
-        self._fit(trials)
-
-    def _fit(self, trials: Sequence[Trial]) -> None:
         data = self._data
         self._learner = learner_kind(self._learning.name).new(
             LearnerContext(
@@ -125,11 +101,7 @@ class OurModel:
 
 
 class SklearnModel:
-    """Estimators of scikit-learn on standardised inputs and torques.
-
-    Args:
-        fit: from standardised inputs and torques to estimators: one for all joints, or one a joint.
-    """
+    """Estimators of scikit-learn on standardised inputs and torques: one for all joints, or one a joint."""
 
     def __init__(self, fit: Callable[[FloatArray, FloatArray], list[Any]]) -> None:
         self._fit_estimators = fit
@@ -229,6 +201,10 @@ def input_range(trials: Sequence[Trial], margin: float) -> InputRange:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     middle[n:], half[n:] = 0.0, np.abs(inputs[:, n:]).max(axis=0)
     return InputRange(middle - margin * half, middle + margin * half)
+
+
+Model = OurModel | SklearnModel
+"""What learns torque from trials."""
 
 
 def all_models(

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import click
 
@@ -18,11 +19,10 @@ from tel_lab.trial_record import (
     duration_at_effort_share,
     fastest_by_speed_s,
     practise,
-    record,
     verdict,
 )
 from tel_ros.core.config import Config
-from tel_ros.core.practice.strategy import Ending
+from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.waypoint_file import load_path
 
@@ -31,15 +31,7 @@ CONFIG = ROOT / "config" / "planar_arm.yaml"
 
 @dataclass(frozen=True)
 class Run:
-    """One practice run.
-
-    Args:
-        config: of its beginning.
-        trials: what was done.
-        ending: how it ended.
-        change: of the arm on the way.
-        fastest_s: shortest duration that the effort limits of the last arm allow, by the exact model.
-    """
+    """One practice run; ``fastest_s``: what the effort limits of the last arm allow, by the exact model."""
 
     config: Config
     trials: Sequence[TrialRecord]
@@ -53,9 +45,14 @@ class Run:
         return self.trials[-1]
 
     @property
-    def largest_rad(self) -> float:
-        """Largest deviation in any trial."""
-        return max(trial.excursion_rad for trial in self.trials)
+    def is_of_a_change(self) -> bool:
+        """Whether the arm has changed on the way."""
+        return self.change is not None and self.change.at_trial <= len(self.trials)
+
+    def last_in_words(self) -> str:
+        """Return what was reached, and when."""
+        last = self.last
+        return f"{last.report.duration_s:.2f} s with {last.rms_mrad:.2f} mrad after {len(self.trials)} trials"
 
 
 Target = Callable[[Run], tuple[str, bool]]
@@ -64,13 +61,7 @@ Target = Callable[[Run], tuple[str, bool]]
 
 @dataclass(frozen=True)
 class Scenario:
-    """An arm to practise with, and what is expected of the practice.
-
-    Args:
-        targets: what is wanted, and how it is judged.
-        overrides: what is changed in the configuration.
-        change: of the arm on the way.
-    """
+    """An arm to practise with: what is wanted and how it is judged, what is changed, also on the way."""
 
     targets: Mapping[str, Target]
     overrides: tuple[str, ...] = ()
@@ -80,22 +71,23 @@ class Scenario:
 def reached(run: Run, *, trials: int | None = None, rms_mrad: float = 5.0) -> tuple[str, bool]:
     """Judge whether the goal speed was reached with that error within so many trials."""
     last = run.last
-    at_goal = math.isclose(last.duration_s, run.config.practice.goal_duration_s, rel_tol=1e-3)
-    found = f"{last.duration_s:.2f} s with {1e3 * last.rms_rad:.2f} mrad after {len(run.trials)} trials"
+    at_goal = math.isclose(last.report.duration_s, run.config.practice.goal_duration_s, rel_tol=1e-3)
     in_time = trials is None or len(run.trials) <= trials
-    return found, last.completed and at_goal and in_time and 1e3 * last.rms_rad <= rms_mrad
+    return run.last_in_words(), last.completed and at_goal and in_time and last.rms_mrad <= rms_mrad
 
 
 def no_deviation_above(run: Run, limit_rad: float) -> tuple[str, bool]:
     """Judge the largest deviation of all trials."""
-    return f"{run.largest_rad:.3f} rad", run.largest_rad <= limit_rad
+    largest_rad = max(trial.excursion_rad for trial in run.trials)
+    return f"{largest_rad:.3f} rad", largest_rad <= limit_rad
 
 
 def stopped_at_the_limit(run: Run) -> tuple[str, bool]:
     """Judge whether practice ended by itself, within 5 % of the fastest duration that the limits allow."""
-    distance = run.last.duration_s / run.fastest_s - 1.0
+    reached_s = run.last.report.duration_s
+    distance = reached_s / run.fastest_s - 1.0
     found = (
-        f"{run.ending.outcome} at {run.last.duration_s:.2f} s; the exact model says {run.fastest_s:.2f} s "
+        f"{run.ending.outcome} at {reached_s:.2f} s; the exact model says {run.fastest_s:.2f} s "
         f"({100 * distance:+.1f} %)"
     )
     return found, run.ending.outcome == "stopped" and run.last.completed and abs(distance) <= 0.05
@@ -108,7 +100,7 @@ def says_that_effort_is_short(run: Run) -> tuple[str, bool]:
 
 def nothing_clipped(run: Run) -> tuple[str, bool]:
     """Judge whether no effort was clipped in any trial."""
-    clipped = [k for k, trial in enumerate(run.trials, start=1) if trial.saturated > 0.0]
+    clipped = [k for k, trial in enumerate(run.trials, start=1) if trial.report.saturated_ratio > 0.0]
     return f"clipped in trials {clipped}" if clipped else "never clipped", not clipped
 
 
@@ -116,34 +108,24 @@ def rolled_back(run: Run) -> tuple[str, bool]:
     """Judge whether there was an abort, and after each one the network of an earlier trial was taken up."""
     aborts = [k for k, trial in enumerate(run.trials) if not trial.completed]
     nexts = [run.trials[k + 1] for k in aborts if k + 1 < len(run.trials)]
-    back = [trial.went_back_to for trial in nexts]
+    back = [trial.plan.go_back_to for trial in nexts]
     return f"aborted: {[k + 1 for k in aborts]}; went back to: {back}", bool(aborts) and None not in back
 
 
 def not_beyond_the_path_tolerance_twice(run: Run) -> tuple[str, bool]:
     """Judge whether no two trials in a row were beyond it; for this to count the arm must have changed."""
-    path_tolerance_rad = run.config.control.path_tolerance_rad
-    beyond = [
-        k
-        for k, t in enumerate(run.trials, start=1)
-        if t.excursion_rad > path_tolerance_rad or not t.completed
-    ]
-    twice = any(b - a == 1 for a, b in zip(beyond, beyond[1:], strict=False))
-    tested = run.change is not None and run.change.at_trial <= len(run.trials)
-    return f"beyond it or aborted: {beyond or 'none'}", tested and not twice
+    limit_rad, trials = run.config.control.path_tolerance_rad, enumerate(run.trials, start=1)
+    beyond = [k for k, trial in trials if trial.excursion_rad > limit_rad or not trial.completed]
+    twice = any(b - a == 1 for a, b in pairwise(beyond))
+    return f"beyond it or aborted: {beyond or 'none'}", run.is_of_a_change and not twice
 
 
 def recovered(run: Run) -> tuple[str, bool]:
     """Judge whether after the change the goal, or the fastest feasible speed, was practised to 5 mrad."""
     wanted_s = max(run.config.practice.goal_duration_s, run.fastest_s)
-    last = run.last
-    found = (
-        f"{last.duration_s:.2f} s with {1e3 * last.rms_rad:.2f} mrad after {len(run.trials)} trials "
-        f"(possible: {wanted_s:.2f} s)"
-    )
-    near = last.duration_s <= 1.05 * wanted_s
-    tested = run.change is not None and run.change.at_trial <= len(run.trials)
-    return found, tested and last.completed and near and last.rms_rad <= 5e-3
+    last, found = run.last, f"{run.last_in_words()} (possible: {wanted_s:.2f} s)"
+    good = last.report.duration_s <= 1.05 * wanted_s and last.report.rms_error_rad <= 5e-3
+    return found, run.is_of_a_change and last.completed and good
 
 
 WITHIN_TOLERANCE = {"4.5 s at 5 mrad or less, without retuning": reached}
@@ -198,27 +180,27 @@ def run_scenario(name: str, overrides: Sequence[str]) -> Run:
     path, arm = load_path(config.path, config.arm), config.arm
     last_arm = ExactInverseDynamics(config, scenario.change.of(config) if scenario.change else config.sim)
     fastest_s = duration_at_effort_share(arm, last_arm, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
-    return Run(config, [record(trial) for trial in trials], ending, scenario.change, fastest_s)
+    return Run(config, [TrialRecord.of(trial) for trial in trials], ending, scenario.change, fastest_s)
 
 
 COLUMNS: list[Column[tuple[int, TrialRecord]]] = [
     Column("trial", lambda row: row[0]),
-    Column("duration [s]", lambda row: row[1].duration_s, ".3f"),
-    Column("expected RMS [mrad]", lambda row: 1e3 * row[1].expected_rms_rad, ".2f"),
-    Column("RMS [mrad]", lambda row: 1e3 * row[1].rms_rad, ".2f"),
+    Column("duration [s]", lambda row: row[1].report.duration_s, ".3f"),
+    Column("expected RMS [mrad]", lambda row: 1e3 * row[1].plan.expected_rms_rad, ".2f"),
+    Column("RMS [mrad]", lambda row: row[1].rms_mrad, ".2f"),
     Column("largest deviation [rad]", lambda row: row[1].excursion_rad, ".3f"),
-    Column("clipped [%]", lambda row: 100 * row[1].saturated, ".1f"),
-    Column("outcome", lambda row: _how(row[1]), left=True),
-    Column("why this trial", lambda row: row[1].reason + _network(row[1].went_back_to), left=True),
+    Column("clipped [%]", lambda row: 100 * row[1].report.saturated_ratio, ".1f"),
+    Column("outcome", lambda row: _outcome(row[1]), left=True),
+    Column("why this trial", lambda row: _reason(row[1].plan), left=True),
 ]
 
 
-def _how(trial: TrialRecord) -> str:
-    return "completed" if trial.completed else f"aborted: {trial.message}"
+def _outcome(trial: TrialRecord) -> str:
+    return "completed" if trial.completed else f"aborted: {trial.report.message}"
 
 
-def _network(went_back_to: int | None) -> str:
-    return "" if went_back_to is None else f" (network of trial {went_back_to})"
+def _reason(plan: PlannedTrial) -> str:
+    return plan.reason + ("" if plan.go_back_to is None else f" (network of trial {plan.go_back_to})")
 
 
 def section(name: str, run: Run) -> tuple[str, list[bool]]:
@@ -249,9 +231,8 @@ def adaptive(options: StudyOptions) -> None:
     """
     names = options.selected(list(SCENARIOS))[: 1 if options.quick else None]
     sections, met = [], []
-    for name, run in zip(
-        names, options.results(run_scenario, {name: (name, options.overrides) for name in names}), strict=True
-    ):
+    tasks = {name: (name, options.overrides) for name in names}
+    for name, run in zip(names, options.results(run_scenario, tasks), strict=True):
         text, found = section(name, run)
         click.echo(text)
         sections.append(text)

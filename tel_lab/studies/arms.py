@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import starmap
 
 import click
 import numpy as np
@@ -26,13 +27,7 @@ MODEL_FREE_REPEATS, RIGID_BODY_REPEATS = 3, 2
 
 @dataclass(frozen=True)
 class Practised:
-    """A practice run on a schedule that is even in torque, with repeats at the goal.
-
-    Args:
-        config: of the run.
-        trials: all of them.
-        repeats: how many of them, at the end, repeat the goal.
-    """
+    """A practice run on a schedule that is even in torque; so many trials at its end repeat the goal."""
 
     config: Config
     trials: Sequence[PractisedTrial[Trial]]
@@ -103,14 +98,13 @@ def table(runs: dict[str, Practised]) -> str:
     """Return the trials of some runs beside each other."""
     longest = max((run.trials for run in runs.values()), key=len)
 
-    def of(run: Practised) -> Column[int]:
-        name = next(name for name, other in runs.items() if other is run)
+    def of(name: str, run: Practised) -> Column[int]:
         return Column(name, lambda k: errors(run.trials[k]) if k < len(run.trials) else "")
 
     columns: list[Column[int]] = [
         Column("trial", lambda k: k + 1),
         Column("duration [s]", lambda k: longest[k].trial.report.duration_s, ".3f"),
-        *map(of, runs.values()),
+        *starmap(of, runs.items()),
     ]
     return Table(columns, range(len(longest))).markdown()
 
@@ -129,30 +123,39 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
     one, more = worst_joint_mrad(rigid.first), worst_joint_mrad(rigid.last)
     rubbed = worst_joint_mrad(rough.first), worst_joint_mrad(rough.last)
     judged = [
-        (
+        verdict(
             first <= without / 30,
             "first trial at goal speed at most 1/30 of the unlearned error",
             f"{first:.2f} mrad, 1/{without / first:.0f}",
         ),
-        (
+        verdict(
             last <= without / 100,
             f"at most 1/100 after {free.repeats} repeats",
             f"{last:.2f} mrad, 1/{without / last:.0f}",
         ),
+        verdict(
+            one <= 3.0,
+            "rigid body: at most 3 mrad a joint in the first trial at goal speed",
+            f"{one:.2f} mrad",
+        ),
+        verdict(
+            more <= 1.0,
+            f"rigid body: at most 1 mrad a joint after {rigid.repeats} repeats",
+            f"{more:.2f} mrad",
+        ),
+        verdict(
+            max(rubbed) <= 3.0,
+            "rigid body, with dry friction: at most 3 mrad a joint",
+            f"{rubbed[0]:.2f}, then {rubbed[1]:.2f} mrad",
+        ),
     ]
-    wanted = "rigid body: at most 3 mrad a joint in the first trial at goal speed"
-    judged.append((one <= 3.0, wanted, f"{one:.2f} mrad"))
-    wanted = f"rigid body: at most 1 mrad a joint after {rigid.repeats} repeats"
-    judged.append((more <= 1.0, wanted, f"{more:.2f} mrad"))
-    wanted = "rigid body, with dry friction: at most 3 mrad a joint"
-    judged.append((max(rubbed) <= 3.0, wanted, f"{rubbed[0]:.2f}, then {rubbed[1]:.2f} mrad"))
     for name, run in runs.items():
         within = run.within_limits
         wanted = f"{name}: no abort, nothing clipped, no joint out of its range"
-        judged.append((within, wanted, "so" if within else "not so"))
+        judged.append(verdict(within, wanted, "so" if within else "not so"))
     head = f"Unlearned at the goal speed, without speed limits: {rms_mrad(start):.2f} mrad RMS "
     head += f"({worst_joint_mrad(start):.2f}), {start.trial.report.outcome.name.lower()}."
-    return f"{head}\n\n{table(runs)}", [verdict(*each) for each in judged]
+    return f"{head}\n\n{table(runs)}", judged
 
 
 def planar(file: str) -> tuple[str, list[str]]:

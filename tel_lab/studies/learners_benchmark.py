@@ -11,6 +11,7 @@ import time
 import timeit
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import click
 import numpy as np
@@ -49,15 +50,8 @@ def seconds_per_call(call: Callable[[], object]) -> float:
 class Result:
     """One learner on one data set.
 
-    Args:
-        data: name of the data set.
-        learner: name of the learner.
-        is_ours: whether it belongs to this project.
-        nmse: of the held-out trials, for each part of the training trials. Shape (n_parts, n_joints).
-        training_s: for each part.
-        batch_us: prediction time of a sample among ``BATCH``.
-        single_us: prediction time of a sample alone.
-        size_mb: what has to be stored.
+    ``nmse`` (of the held-out trials, shape (n_parts, n_joints)) and ``training_s`` are for each part of the
+    training trials; prediction times are of a sample among ``BATCH``, and alone.
     """
 
     data: str
@@ -95,13 +89,7 @@ def measured(model: Model, name: str, is_ours: bool, data: DataSet, parts: Seque
 
 @dataclass(frozen=True)
 class Chapter:
-    """All learners on one data set.
-
-    Args:
-        about: the data, in one sentence.
-        results: of the learners that could be had.
-        notes: on the others.
-    """
+    """All learners on one data set: what it is about, results, and notes on learners that cannot be had."""
 
     about: str
     results: list[Result]
@@ -167,7 +155,7 @@ def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Resu
         return number(f"{what} / {baseline}", lambda r: value(r) / value(found[r.data, baseline]))
 
     def growth(what: str, value: Callable[[Result, int], float]) -> list[Column[Result]]:
-        return [_part(f"{part:.0%}: {what}", value, i) for i, part in enumerate(parts)]
+        return [number(f"{part:.0%}: {what}", partial(value, i=i)) for i, part in enumerate(parts)]
 
     ratios = [*NAMES, *(ratio(what, baseline) for baseline in (GP, MLP) for what in COMPARED)]
     made = [
@@ -179,10 +167,6 @@ def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Resu
         grown += growth("time [s]", lambda r, i: r.training_s[i])
         made.append(Table([*NAMES, *grown], results, "Trained on a part of the trials"))
     return made
-
-
-def _part(heading: str, value: Callable[[Result, int], float], i: int) -> Column[Result]:
-    return number(heading, lambda r: value(r, i))
 
 
 def page(sheets: Sequence[Table[Result]], chapters: Sequence[Chapter], effort: Effort, command: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -26,45 +26,30 @@ from tel_lab.trial_record import (
     effort_share,
     exact_trial,
     fastest_by_speed_s,
-    record,
 )
 from tel_ros.app.plotting import BLUE, GREEN, ORANGE, PURPLE, SOFT
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import learner_context
 
-PROTOCOL = ("practice.strategy=adaptive_extension",)
-"""What is changed in the configuration. Random arms are heavier and swing more slowly than the default one:
-in 0.2 s they are not yet seen to move at the turning point of a swing."""
 RANGE_MARGIN_RAD = 0.3
 """Random paths keep this far from the ends of the joints' ranges, so that there is room for an error."""
 EFFORT_SHARE, SPEED_SHARE = (0.4, 0.9), 0.8
 """The goal needs a random share of the effort limit between the two, and at most that of a speed limit."""
 FIRST_TO_GOAL = 2.5
 """First duration over that of the goal: the first trial needs about a sixth of the goal's dynamic torque."""
-EVERY = 20
-"""Page and figure are brought up to date after so many runs."""
-_GOAL_STREAM = 0x676F616C
-"""Makes the draws for a seed independent of those for its arm and its path."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """The practice run of one seed.
+    """The practice run of one seed: its arm, the goal, and how it went.
 
-    Args:
-        seed: of arm, path and goal.
-        sim: the arm.
-        goal_s: duration that was asked for.
-        effort_share: of a limit, that the goal movement needs by the exact model.
-        exact_rms_rad: tracking error of the goal movement with the exact model.
-        outcome: as the strategy says, or ``failed`` if the run ended in an error.
-        message: why it ended.
+    By the exact model the goal movement needs ``effort_share`` of a limit and has ``exact_rms_rad``. The outcome
+    is what the strategy says, or ``failed`` if the run ended in an error.
     """
 
     seed: int
@@ -78,9 +63,9 @@ class Result:
     wall_s: float
 
     @property
-    def final_rms_rad(self) -> float:
+    def final_rms_mrad(self) -> float:
         """Tracking error of the last trial; NaN if there was none."""
-        return self.trials[-1].rms_rad if self.trials else float("nan")
+        return self.trials[-1].rms_mrad if self.trials else float("nan")
 
     @property
     def excursion_rad(self) -> float:
@@ -97,25 +82,15 @@ def task(config: Config, seed: int) -> tuple[Config, JointPath]:
     """Return the configuration and the path of a seed."""
     arm = config.arm
     sim = vary(config.sim, seed, FAR, n_joints=len(arm.joints))
-    path = random_smooth_path(
-        seed,
-        np.array(arm.position_min_rad) + RANGE_MARGIN_RAD,
-        np.array(arm.position_max_rad) - RANGE_MARGIN_RAD,
-    )
-    share = np.random.default_rng((_GOAL_STREAM, seed)).uniform(*EFFORT_SHARE)
+    low_rad, high_rad = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
+    path = random_smooth_path(seed, low_rad + RANGE_MARGIN_RAD, high_rad - RANGE_MARGIN_RAD)
+    # With a stream of its own: the draw is independent of those for the seed's arm and path.
+    share = np.random.default_rng((0x676F616C, seed)).uniform(*EFFORT_SHARE)
     exact, fastest_s = ExactInverseDynamics(config, sim), fastest_by_speed_s(arm, path, SPEED_SHARE)
     goal_s = duration_at_effort_share(arm, exact, path, share, fastest_s)
     first_s = FIRST_TO_GOAL * goal_s
     practice = dataclasses.replace(config.practice, goal_duration_s=goal_s, first_duration_s=first_s)
     return dataclasses.replace(config, sim=sim, practice=practice, seed=seed), path
-
-
-def untrained(config: Config, path: JointPath) -> Learner:
-    """Return the configured learner with input ranges that cover the goal movement along the path."""
-    goal = sample(path, config.practice.goal_duration_s, config.control.rate_hz)
-    covered = InputRange.covering(goal, config.learning.input_margin)
-    context = dataclasses.replace(learner_context(config), input_range=covered)
-    return learner_kind(config.learning.name).new(context)
 
 
 def practise(config: Config, seed: int) -> Result:
@@ -125,8 +100,12 @@ def practise(config: Config, seed: int) -> Result:
     started = time.monotonic()
     trials: list[TrialRecord] = []
     try:
-        with OfflinePractice(varied, path, untrained(varied, path)) as practice:
-            trials = [record(practised) for practised in practice.run()]
+        goal = sample(path, goal_s, varied.control.rate_hz)
+        covered = InputRange.covering(goal, varied.learning.input_margin)
+        context = dataclasses.replace(learner_context(varied), input_range=covered)
+        learner = learner_kind(varied.learning.name).new(context)
+        with OfflinePractice(varied, path, learner) as practice:
+            trials = [TrialRecord.of(practised) for practised in practice.run()]
             assert practice.ending is not None
             outcome, message = str(practice.ending.outcome), practice.ending.message
     except Exception as error:  # One seed that fails must not hide how the others went.
@@ -172,7 +151,7 @@ def figure(results: Sequence[Result], config: Config) -> Figure:
         mine = [result for result in results if result.outcome == outcome]
         if mine:
             shares = [100.0 * result.effort_share for result in mine]
-            final_mrad = [1e3 * result.final_rms_rad for result in mine]
+            final_mrad = [result.final_rms_mrad for result in mine]
             look = {"color": colour, "markersize": 3.5, "markeredgewidth": 0.0, "alpha": 0.8}
             errors.plot(shares, final_mrad, marker, label=f"{words} ({len(mine)})", **look)
     errors.axhline(1e3 * config.practice.tolerance_rad, color=SOFT, linewidth=0.8, linestyle="--")
@@ -206,31 +185,35 @@ def figure(results: Sequence[Result], config: Config) -> Figure:
 def page(results: Sequence[Result], config: Config, command: str) -> str:
     """Return the page."""
     practice, control = config.practice, config.control
-    n, trials = len(results), [trial for result in results for trial in result.trials]
+    trials = [trial for result in results for trial in result.trials]
     reached = [result for result in results if result.outcome == "completed"]
     missed = [result for result in results if result.outcome != "completed"]
     later = [max(t.excursion_rad for t in r.trials[1:]) for r in results if len(r.trials) > 1]
-    beyond = sum(trial.excursion_rad > 2.0 * control.path_tolerance_rad for trial in trials)
+    beyond_rad = 2.0 * control.path_tolerance_rad
+
+    def count(holds: Callable[[TrialRecord], bool]) -> str:
+        return f"{sum(map(holds, trials))} of {len(trials)}"
+
     rows = [
         *(
             (f"runs that {words}" if outcome == "completed" else f"runs, {words}", _share(results, outcome))
             for outcome, (_, _, words) in OUTCOMES.items()
         ),
-        ("trials that were aborted", f"{sum(not t.completed for t in trials)} of {len(trials)}"),
+        ("trials that were aborted", count(lambda t: not t.completed)),
         (
             "trials in which a joint was off its path by more than twice the tolerance",
-            f"{beyond} of {len(trials)}",
+            count(lambda t: t.excursion_rad > beyond_rad),
         ),
-        ("trials in which an effort was clipped", f"{sum(t.saturated > 0 for t in trials)} of {len(trials)}"),
+        ("trials in which an effort was clipped", count(lambda t: t.report.saturated_ratio > 0)),
         ("trials until the tolerance was reached", _spread([len(r.trials) for r in reached], "{:.0f}")),
-        ("last RMS error where it was reached [mrad]", _spread([1e3 * r.final_rms_rad for r in reached])),
+        ("last RMS error where it was reached [mrad]", _spread([r.final_rms_mrad for r in reached])),
         ("largest deviation in any trial [rad]", _spread([r.excursion_rad for r in results], "{:.3f}")),
         ("the same after the first trial [rad]", _spread(later, "{:.3f}")),
     ]
     table = of_texts(("", ""), rows).markdown()
     return f"""# Practice on random arms along random paths
 
-{n} runs of `adaptive_extension` (`config/planar_arm.yaml`: least-squares trees, at most
+{len(results)} runs of `adaptive_extension` (`config/planar_arm.yaml`: least-squares trees, at most
 {practice.trials} trials), each on another arm, along another path and to another speed;
 nothing but the time at rest (below) was chosen by looking at them.
 
@@ -243,7 +226,7 @@ nothing but the time at rest (below) was chosen by looking at them.
   begins at 2.5 times that duration, and is over when the RMS error at the goal is below
   {1e3 * practice.tolerance_rad:g} mrad.
 - A trial is aborted when a joint is {control.path_tolerance_rad:g} rad off its path (the path
-  tolerance). It is beyond twice that when it is more than {2 * control.path_tolerance_rad:g}
+  tolerance). It is beyond twice that when it is more than {beyond_rad:g}
   rad off, braking included.
 - The arm counts as at rest after {control.settle_time_s:g} s within
   {1e3 * control.settle_time_s * control.settle_speed_rad_s:g} mrad. With 0.2 s, the turning point of a slow
@@ -276,7 +259,7 @@ def _about_missed(reached: Sequence[Result], missed: Sequence[Result]) -> str:
             Column("seed", lambda r: r.seed),
             Column("outcome", lambda r: r.outcome, left=True),
             *FACTORS,
-            Column("last error [mrad]", lambda r: 1e3 * r.final_rms_rad, ".2f"),
+            Column("last error [mrad]", lambda r: r.final_rms_mrad, ".2f"),
             Column("trials", lambda r: len(r.trials)),
             Column("aborts", lambda r: r.aborts),
             Column("message", lambda r: r.message, left=True),
@@ -316,18 +299,23 @@ def line(result: Result) -> str:
         f"{result.seed:4d}  {result.outcome:9s}  inertia x{result.sim.inertia_scale:.2f}  "
         f"goal {result.goal_s:5.2f} s  {100 * result.effort_share:3.0f} % effort  "
         f"{len(result.trials):2d} trials  {result.aborts} aborts  "
-        f"final {1e3 * result.final_rms_rad:6.2f} mrad (exact model {1e3 * result.exact_rms_rad:5.2f})  "
+        f"final {result.final_rms_mrad:6.2f} mrad (exact model {1e3 * result.exact_rms_rad:5.2f})  "
         f"largest {result.excursion_rad:.3f} rad  {result.wall_s:4.1f} s  {result.message}"
     )
 
 
 def details(result: Result) -> str:
     """Return the trials of a seed, one a line."""
-    return "\n".join(
-        f"      {k:2d}  {trial.duration_s:6.3f} s  {1e3 * trial.rms_rad:7.2f} mrad  "
-        f"max {trial.excursion_rad:.3f} rad  saturated {trial.saturated:.3f}  {trial.reason}  {trial.message}"
-        for k, trial in enumerate(result.trials, start=1)
-    )
+
+    def text(trial: TrialRecord) -> str:
+        plan, report = trial.plan, trial.report
+        return (
+            f"      {plan.index:2d}  {report.duration_s:6.3f} s  {trial.rms_mrad:7.2f} mrad  "
+            f"max {trial.excursion_rad:.3f} rad  saturated {report.saturated_ratio:.3f}  "
+            f"{plan.reason}  {report.message}"
+        )
+
+    return "\n".join(map(text, result.trials))
 
 
 @study(seeds=200)
@@ -336,7 +324,9 @@ def random_practice(options: StudyOptions) -> None:
 
     --only takes seeds, and shows each of their trials.
     """
-    config = load_config(ROOT / "config" / "planar_arm.yaml", [*PROTOCOL, *options.overrides])
+    config = load_config(
+        ROOT / "config" / "planar_arm.yaml", ["practice.strategy=adaptive_extension", *options.overrides]
+    )
     seeds = [int(seed) for seed in options.only] or range(1, (2 if options.quick else options.seeds) + 1)
     results: list[Result] = []
     tasks = {f"seed {seed}": (config, seed) for seed in seeds}
@@ -345,6 +335,6 @@ def random_practice(options: StudyOptions) -> None:
         click.echo(line(result))
         if options.only or result.outcome != "completed" or result.aborts:
             click.echo(details(result))
-        if len(results) % EVERY == 0 or len(results) == len(tasks):
+        if len(results) % 20 == 0 or len(results) == len(tasks):
             text, drawn = page(results, config, options.command), partial(figure, list(results), config)
             options.write("random_practice.md", text, {"random_practice": drawn})

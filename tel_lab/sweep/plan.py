@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,6 @@ from tel_ros.core.config import Config, file_values
 from tel_ros.core.config_fields import read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.config_file import flat_values, load_config, read_yaml
-
-CASE = "case"
-"""Name of the column that tells cases apart."""
-
-_NOT_HASHED = ("versions",)
 
 
 @dataclass(frozen=True)
@@ -63,15 +58,8 @@ class SweepFile:
 
 
 @dataclass(frozen=True)
-class SweepPlan:
-    """What to go through.
-
-    Args:
-        overrides: ``key=value`` for all points, in the order of their application.
-        cases: names, and ``key=value`` for each.
-        grid: dotted keys, and the values to go through.
-        seeds: how many seeds for each point, counted up from the configured one.
-        map: figure to draw at the end.
+class SweepPlan(SweepFile):
+    """What to go through: a file with what the command line changes, and its ``key=value`` for all points.
 
     Raises:
         ConfigError: a grid is empty or names a value twice, a key is given twice, there are no seeds, or the
@@ -79,10 +67,6 @@ class SweepPlan:
     """
 
     overrides: tuple[str, ...] = ()
-    cases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    grid: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
-    seeds: int = 1
-    map: MapPlan | None = None
 
     def __post_init__(self) -> None:
         if self.seeds < 1:
@@ -96,18 +80,21 @@ class SweepPlan:
         for axis in (self.map.x, self.map.y) if self.map else ():
             if axis not in self.grid:
                 raise ConfigError("map", axis, f"keys of the grid: {', '.join(self.grid) or 'there is none'}")
-        swept = {*self.grid}
-        for name, overrides in self.cases.items():
-            twice = swept & {text.partition("=")[0] for text in overrides}
-            if twice:
-                key = min(twice)
-                raise ConfigError(key, name, "a key that is in the grid or in cases, not in both", "cases")
+        for name, changes in self.cases.items():
+            if twice := self.grid.keys() & changes.keys():
+                expected = "a key that is in the grid or in cases, not in both"
+                raise ConfigError(min(twice), name, expected, "cases")
+
+    @property
+    def for_all(self) -> tuple[str, ...]:
+        """``key=value`` for all points, in the order of their application."""
+        return (*_assignments(self.set), *self.overrides)
 
     def plain(self) -> dict[str, Any]:
         """Return what was asked for, to be read later."""
         return {
-            "overrides": list(self.overrides),
-            "cases": {name: list(changes) for name, changes in self.cases.items()},
+            "overrides": list(self.for_all),
+            "cases": {name: list(_assignments(changes)) for name, changes in self.cases.items()},
             "grid": {key: list(values) for key, values in self.grid.items()},
             "seeds": self.seeds,
         }
@@ -115,13 +102,10 @@ class SweepPlan:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One practice run of a sweep.
+    """One practice run of a sweep, or why there can be no such configuration.
 
-    Args:
-        labels: what tells it from the others, as columns of the table: case, keys of the grid, seed.
-        config: what to run; None if there can be no such configuration.
-        problem: why there can be none.
-        key: hash of the resolved configuration; of the labels if there is none.
+    The labels tell it from the others: case, keys of the grid, seed; columns of the table. ``key``: hash of
+    the resolved configuration, of the labels if there is none.
     """
 
     labels: Mapping[str, Any]
@@ -141,11 +125,7 @@ def read_sweep_file(path: Path) -> SweepFile:
 
 
 def parse_grid(text: str) -> tuple[str, tuple[Any, ...]]:
-    """Return key and values of an option such as ``sim.inertia_scale=0.5,1,2``.
-
-    Raises:
-        ConfigError: it is none.
-    """
+    """Return key and values of an option such as ``sim.inertia_scale=0.5,1,2``; ConfigError if it is none."""
     key, equals, values = text.partition("=")
     try:
         parsed = yaml.safe_load(f"[{values}]")
@@ -169,13 +149,8 @@ def make_plan(
         if key in named:
             raise ConfigError(key, list(values), "each key in one grid", "--grid")
         named[key] = values
-    return SweepPlan(
-        overrides=(*_assignments(file.set), *overrides),
-        cases={name: _assignments(values) for name, values in file.cases.items()},
-        grid={**{key: tuple(values) for key, values in file.grid.items()}, **named},
-        seeds=file.seeds if seeds is None else seeds,
-        map=file.map,
-    )
+    grids, n_seeds = {**file.grid, **named}, file.seeds if seeds is None else seeds
+    return SweepPlan(file.set, file.cases, grids, n_seeds, file.map, tuple(overrides))
 
 
 def lay_out(config_file: Path, plan: SweepPlan) -> list[SweepPoint]:
@@ -188,44 +163,36 @@ def lay_out(config_file: Path, plan: SweepPlan) -> list[SweepPoint]:
         InputFileError: a file is missing or unreadable.
         ConfigError: a key is unknown, or a value of a grid fits no point.
     """
-    cases: list[tuple[str | None, tuple[str, ...]]] = list(plan.cases.items()) or [(None, ())]
     points: list[SweepPoint] = []
     errors: dict[str, ConfigError] = {}
     fits: set[str] = set()
-    for (case, changes), values in itertools.product(cases, itertools.product(*plan.grid.values())):
+    for case, values in itertools.product(plan.cases or [None], itertools.product(*plan.grid.values())):
         asked = dict(zip(plan.grid, values, strict=True))
-        grid = _assignments(asked)
+        grid, changes = _assignments(asked), _assignments(plan.cases[case]) if case else ()
         # What to blame if it never fits: first the values of the grid, then the case.
         parts = [*(f"--grid {text}" for text in grid), f"case {case}"]
+        label = {} if case is None else {"case": case}
         try:
-            config = load_config(config_file, [*plan.overrides, *changes, *grid])
+            config = load_config(config_file, [*plan.for_all, *changes, *grid])
         except ConfigError as error:
             for part in parts:
                 errors.setdefault(part, error)
-            points.append(_impossible(case, asked, error))
+            labels = {**label, **asked, "seed": asked.get("seed")}
+            # Without its source: that would be the option that passed a value on, not where it came from.
+            problem = str(ConfigError(error.key, error.value, error.expected))
+            points.append(SweepPoint(labels, None, problem, hash_of(labels)))
             continue
         fits.update(parts)
-        points += _with_seeds(case, config, plan)
+        for seed in range(config.seed, config.seed + plan.seeds):
+            seeded = replace(config, seed=seed)
+            resolved = flat_values(seeded)
+            labels = {**label, **{key: resolved[key] for key in plan.grid}, "seed": seed}
+            points.append(SweepPoint(labels, seeded, "", config_hash(seeded)))
     for part, first in errors.items():
         if part not in fits:
             source = first.source if part == "case None" else part
             raise ConfigError(first.key, first.value, first.expected, source)
     return points
-
-
-def _impossible(case: str | None, asked: Mapping[str, Any], error: ConfigError) -> SweepPoint:
-    labels = {**_case_label(case), **asked, "seed": asked.get("seed")}
-    # Without its source: that would be the option that a value was passed on by, not where it came from.
-    problem = str(ConfigError(error.key, error.value, error.expected))
-    return SweepPoint(labels, None, problem, hash_of(labels))
-
-
-def _with_seeds(case: str | None, config: Config, plan: SweepPlan) -> Iterator[SweepPoint]:
-    for seed in range(config.seed, config.seed + plan.seeds):
-        seeded = replace(config, seed=seed)
-        resolved = flat_values(seeded)
-        labels = {**_case_label(case), **{key: resolved[key] for key in plan.grid}, "seed": seed}
-        yield SweepPoint(labels, seeded, "", config_hash(seeded))
 
 
 def config_hash(config: Config) -> str:
@@ -234,7 +201,7 @@ def config_hash(config: Config) -> str:
     Raises:
         InputFileError: a file that the configuration names cannot be read.
     """
-    values = {key: value for key, value in flat_values(config).items() if key not in _NOT_HASHED}
+    values = {key: value for key, value in flat_values(config).items() if key != "versions"}
     values |= {key: _file_hash(file) for key, file in file_values(config).items()}
     return hash_of({"tel_ros": __version__, **values})
 
@@ -254,7 +221,3 @@ def hash_of(values: Any) -> str:
 
 def _assignments(values: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(f"{key}={json.dumps(value)}" for key, value in values.items())
-
-
-def _case_label(case: str | None) -> dict[str, Any]:
-    return {} if case is None else {CASE: case}

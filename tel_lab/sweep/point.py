@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 FAILED = "failed"
 """Outcome of a point that could not be practised to an end; its measures are of the trials until then."""
 
-_GOAL_ALPHA = 1.0 - 1e-9
-_EFFORT_RATE_HZ = 100.0
-"""Often enough to find the peak of the effort of a smooth movement."""
 
 MEASURES = (
     "outcome",
@@ -59,11 +56,7 @@ MEASURES = (
 
 
 def run_point(config: Config) -> dict[str, Any]:
-    """Practise, and return the measures of the run; what goes wrong on purpose becomes a result, too.
-
-    Returns:
-        A value for each of :data:`MEASURES`; None where there is none.
-    """
+    """Practise; return a value for each of :data:`MEASURES`, None where there is none; errors are results."""
     started = time.monotonic()
     try:
         result = _practised(config)
@@ -78,7 +71,13 @@ def failure(message: str) -> dict[str, Any]:
 
 
 def _practised(config: Config) -> dict[str, Any]:
-    effort_ratio = _goal_effort_ratio(config)
+    # Late: the physics are loaded in workers, not by the command line.
+    from tel_lab.exact_model import ExactInverseDynamics
+    from tel_lab.trial_record import effort_share
+
+    path, exact = load_path(config.path, config.arm), ExactInverseDynamics(config, config.sim)
+    # At 100 Hz: often enough to find the peak of the effort of a smooth movement.
+    effort_ratio = effort_share(config.arm, exact, path, config.practice.goal_duration_s, 100.0)
     done: list[PractisedTrial[Trial]] = []
     try:
         ending = _run(config, done)
@@ -98,7 +97,6 @@ def _practised(config: Config) -> dict[str, Any]:
 
 def _run(config: Config, done: list[PractisedTrial[Trial]]) -> Ending:
     """Practise; ``done`` gets the trials one by one, so that they are there if one of them raises."""
-    # Late, and here alone: the physics are loaded in workers, not by the command line.
     from tel_lab.offline import OfflinePractice
 
     class Practice(OfflinePractice):
@@ -115,7 +113,7 @@ def _run(config: Config, done: list[PractisedTrial[Trial]]) -> Ending:
 def _of_trials(done: Sequence[PractisedTrial[Trial]]) -> dict[str, Any]:
     reports = [practised.trial.report for practised in done]
     completed = [practised for practised in done if practised.trial.report.outcome == Outcome.COMPLETED]
-    at_goal = [p.trial.report.rms_error_rad for p in completed if p.plan.alpha >= _GOAL_ALPHA]
+    at_goal = [p.trial.report.rms_error_rad for p in completed if p.plan.alpha >= 1.0 - 1e-9]
     first, last = reports[0], reports[-1]
     deviations_rad = [r.max_error_rad for r in reports if math.isfinite(r.max_error_rad)]
     return {
@@ -144,16 +142,6 @@ def _warnings(done: Sequence[PractisedTrial[Trial]], tolerance_rad: float) -> di
     ]
     first = next((number for number, text in enumerate(said, start=1) if text), None)
     return {"warned_trial": first, "warning": said[-1]}
-
-
-def _goal_effort_ratio(config: Config) -> float:
-    """Return the largest effort of the goal movement of the simulated arm as a share of the limits."""
-    from tel_lab.exact_model import ExactInverseDynamics
-    from tel_lab.trial_record import effort_share
-
-    path = load_path(config.path, config.arm)
-    exact = ExactInverseDynamics(config, config.sim)
-    return effort_share(config.arm, exact, path, config.practice.goal_duration_s, _EFFORT_RATE_HZ)
 
 
 def _number(value: float) -> float | None:

@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from tel_lab.sweep.plan import SweepPlan, SweepPoint, hash_of, lay_out
+from tel_lab.sweep.plan import SweepPlan, hash_of, lay_out
 from tel_lab.sweep.point import FAILED, MEASURES, failure, run_point
+from tel_lab.tables import Column, Table
 from tel_lab.workers import Failure, Workforce
 from tel_ros import __version__
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.run_folder import write_atomically
 
-SWEEP_FILE = "sweep.yaml"
-TABLE_CSV, TABLE_PARQUET = "table.csv", "table.parquet"
-
 Row = dict[str, Any]
-Progress = Callable[[int, int], None]
-"""Is told how many points are done, and of how many."""
 
 
 class SweepFolder:
     """Results by the hash of their configuration; a result that is there is whole.
 
-    Args:
-        path: the folder; is made if it does not exist.
-
-    Raises:
-        InputFileError: it is no folder, or must not be written to.
+    The folder is made if it does not exist; InputFileError if it is none, or must not be written to.
     """
 
     def __init__(self, path: Path) -> None:
@@ -68,34 +59,22 @@ class SweepFolder:
 
     def write_table(self, rows: Sequence[Row]) -> list[Path]:
         """Write the table as CSV, and as Parquet where pyarrow is installed; return the files."""
-        flat = [{key: _cell(value) for key, value in row.items()} for row in rows]
-        text = io.StringIO()
-        if flat:
-            writer = csv.DictWriter(text, list(flat[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(flat)
-        write_atomically(self.path / TABLE_CSV, text.getvalue())
-        files = [self.path / TABLE_CSV]
-        if flat and _write_parquet(self.path / TABLE_PARQUET, flat):
-            files.append(self.path / TABLE_PARQUET)
-        return files
-
-
-def _cell(value: Any) -> Any:
-    """Return a value as one cell can hold it: lists, as of values for each joint, become text."""
-    return json.dumps(value) if isinstance(value, list | dict) else value
-
-
-def _write_parquet(path: Path, rows: list[Row]) -> bool:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:  # optional: there is the CSV
-        return False
-    beside = path.with_name(f".{path.name}.tmp")
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), beside)
-    beside.replace(path)
-    return True
+        # Lists, as of values for each joint, become text: one cell holds them.
+        flat = [{k: json.dumps(v) if isinstance(v, list | dict) else v for k, v in r.items()} for r in rows]
+        csv_file, parquet_file = self.path / "table.csv", self.path / "table.parquet"
+        columns = [Column(key, itemgetter(key)) for key in flat[0]] if flat else []
+        write_atomically(csv_file, Table(columns, flat).csv() if flat else "")
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError:  # optional: there is the CSV
+            return [csv_file]
+        if not flat:
+            return [csv_file]
+        beside = parquet_file.with_name(f".{parquet_file.name}.tmp")
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(flat), beside)
+        beside.replace(parquet_file)
+        return [csv_file, parquet_file]
 
 
 class Sweep:
@@ -117,18 +96,21 @@ class Sweep:
         for point in self.points:
             if point.config is not None and point.config.run.arm != "sim":
                 raise ConfigError("run.arm", point.config.run.arm, "'sim': a sweep is of simulated arms")
-        self.folder = SweepFolder(out or default_folder(config_file, self.points))
+        name = f"sweep-{config_file.stem}-{hash_of([point.key for point in self.points])[:8]}"
+        self.folder = SweepFolder(out or Path("bags") / name)
         asked = {"tel_ros": __version__, "config": config_file.name, **plan.plain()}
         text = yaml.safe_dump(asked, sort_keys=False, allow_unicode=True)
-        write_atomically(self.folder.path / SWEEP_FILE, text)
+        write_atomically(self.folder.path / "sweep.yaml", text)
 
     @property
     def n_done(self) -> int:
         """How many points need not run."""
         return sum(point.config is None or self.folder.is_done(point.key) for point in self.points)
 
-    def run(self, workforce: Workforce, progress: Progress = lambda done, total: None) -> None:
+    def run(self, workforce: Workforce, progress: Callable[[int, int], None]) -> None:
         """Compute the points that have no result yet or have failed, and keep each result as it comes.
+
+        ``progress`` is told how many points are done, and of how many.
 
         Raises:
             WorkersBrokenError: the workers broke down; what was finished is kept.
@@ -158,8 +140,3 @@ class Sweep:
                 measures = {name: result[name] for name in MEASURES}
                 rows.append({**point.labels, **measures, "config_hash": point.key})
         return rows
-
-
-def default_folder(config_file: Path, points: Sequence[SweepPoint]) -> Path:
-    """Return where the results of these points go if nobody says where."""
-    return Path("bags") / f"sweep-{config_file.stem}-{hash_of([point.key for point in points])[:8]}"

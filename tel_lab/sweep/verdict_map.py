@@ -47,12 +47,7 @@ _WHITE_TEXT = (Verdict.REACHED, Verdict.UNSTABLE)
 
 
 def verdict(row: Row, tolerance_rad: float) -> Verdict:
-    """Return what became of a practice run.
-
-    Args:
-        row: of the table of a sweep.
-        tolerance_rad: RMS error of the last trial that is good enough.
-    """
+    """Return what became of a row of the table; a last RMS error within the tolerance is good."""
     warning, final_rad = row["warning"] or "", row["rms_final_rad"]
     if row["outcome"] == FAILED and row["trials"] is None:
         return Verdict.FAILED
@@ -90,12 +85,9 @@ def map_figure(rows: Sequence[Row], plan: MapPlan) -> Figure:
     for axes, (title, members) in zip(all_axes, panels.items(), strict=False):
         axes.set_title(title)
         axes.set(xlim=(0.0, len(xs)), ylim=(0.0, len(ys)))
-        axes.set_xticks(
-            [i + 0.5 for i in range(len(xs))], [f"{x}" if isinstance(x, str) else f"{x:g}" for x in xs]
-        )
-        axes.set_yticks(
-            [i + 0.5 for i in range(len(ys))], [f"{y}" if isinstance(y, str) else f"{y:g}" for y in ys]
-        )
+        for set_ticks, values in ((axes.set_xticks, xs), (axes.set_yticks, ys)):
+            names = [f"{value}" if isinstance(value, str) else f"{value:g}" for value in values]
+            set_ticks([i + 0.5 for i in range(len(values))], names)
         axes.tick_params(length=0.0)
         axes.spines[:].set_visible(False)
         for i, x in enumerate(xs):
@@ -125,24 +117,19 @@ def _draw_cell(axes: Axes, i: int, j: int, cell: Sequence[Row], tolerance_rad: f
     if not cell:
         return
     found = [verdict(row, tolerance_rad) for row in cell]
+    width = 1.0 / len(cell)
     for k, what in enumerate(found):
-        stripe = Rectangle(
-            (i + k / len(cell), j), 1.0 / len(cell), 1.0, facecolor=_COLOURS[what], edgecolor="none"
-        )
-        axes.add_patch(stripe)
+        where = (i + k / len(cell), j)
+        axes.add_patch(Rectangle(where, width, 1.0, facecolor=_COLOURS[what], edgecolor="none"))
     axes.add_patch(Rectangle((i, j), 1.0, 1.0, facecolor="none", edgecolor=PAPER, linewidth=1.2))
     colour = PAPER if all(what in _WHITE_TEXT for what in found) else INK
     finals, largest = ([row[key] for row in cell] for key in ("rms_final_rad", "max_error_rad"))
     centre: dict[str, Any] = {"ha": "center", "va": "center", "color": colour}
-    final = "–" if None in finals else _number(1e3 * max(finals))
+    final = "–" if None in finals else f"{1e3 * max(finals):.{0 if 1e3 * max(finals) >= 1.0 else 1}f}"
     axes.text(i + 0.5, j + 0.64, final, fontsize=7.0, **centre)
     if any(value is not None for value in largest):
         text = f"{max(value for value in largest if value is not None):.2f}"
         axes.text(i + 0.5, j + 0.27, text, fontsize=5.2, **centre)
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 1.0 else f"{value:.1f}"
 
 
 def _draw_limit(axes: Axes, rows: Sequence[Row], plan: MapPlan, xs: Sequence[Any], ys: Sequence[Any]) -> None:
@@ -171,17 +158,7 @@ def _draw_legend(figure: Figure, verdicts: Sequence[Verdict], tolerance_rad: flo
         for v in verdicts
     ]
     line = Line2D([], [], color=INK, linewidth=1.4, label="inside: the goal needs more than the effort limit")
-    numbers = Line2D(
-        [],
-        [],
-        linestyle="none",
-        label="large: RMS error of the last trial [mrad]; small: largest deviation [rad]",
-    )
-    figure.legend(
-        handles=[*handles, line, numbers],
-        loc="lower center",
-        ncols=2,
-        fontsize=7.0,
-        columnspacing=1.5,
-        handlelength=1.4,
-    )
+    meaning = "large: RMS error of the last trial [mrad]; small: largest deviation [rad]"
+    handles += [line, Line2D([], [], linestyle="none", label=meaning)]
+    look = {"fontsize": 7.0, "columnspacing": 1.5, "handlelength": 1.4}
+    figure.legend(handles=handles, loc="lower center", ncols=2, **look)

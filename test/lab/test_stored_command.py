@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from servo_joint import DAMPING_S, PERIOD_S, execute, rms_error, swing
 
 from tel_lab.comparison.servo_methods import with_velocity_reference
 from tel_lab.comparison.stored_command import (
-    IlcGains,
     IterativeLearningControl,
     StoredCommand,
     VirtualTrajectoryLearning,
@@ -18,9 +15,8 @@ from tel_lab.comparison.stored_command import (
 )
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.types import FloatArray
 
-Make = Callable[[DesiredTrajectory, FloatArray, float], StoredCommand]
+Make = type[StoredCommand]
 METHODS: list[Make] = [IterativeLearningControl, VirtualTrajectoryLearning]
 
 
@@ -46,23 +42,21 @@ def test_correcting_the_virtual_trajectory_lowers_the_error_of_a_slow_movement()
 
 
 @pytest.mark.parametrize("make", METHODS)
-def test_after_an_abort_the_last_completed_command_returns_and_corrections_are_halved(make: Make) -> None:
+def test_after_an_abort_the_last_completed_command_returns_and_corrections_are_halved(
+    make: Make,
+) -> None:
     desired = swing()
     initial = desired.position_rad
     method, cautious = make(desired, initial, PERIOD_S), make(desired, initial, PERIOD_S)
     trial = execute(desired, initial)
     method.learn(trial, completed=True)
-    full = method.command(desired) - zero_phase(initial, _cutoff_hz(make), PERIOD_S)
+    full = method.command(desired) - zero_phase(initial, make.cutoff_hz, PERIOD_S)
     cautious.learn(execute(desired, initial, n_run=100), completed=False)
     np.testing.assert_array_equal(cautious.command(desired), initial)
     cautious.learn(trial, completed=True)
-    halved = cautious.command(desired) - zero_phase(initial, _cutoff_hz(make), PERIOD_S)
+    halved = cautious.command(desired) - zero_phase(initial, make.cutoff_hz, PERIOD_S)
     np.testing.assert_allclose(halved, 0.5 * full, atol=1e-12)
     assert np.abs(full).max() > 1e-3
-
-
-def _cutoff_hz(make: Make) -> float:
-    return IlcGains().cutoff_hz if make is IterativeLearningControl else 2.0
 
 
 @pytest.mark.parametrize("make", METHODS)

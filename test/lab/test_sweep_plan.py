@@ -28,7 +28,7 @@ PAPER = ROOT / "config" / "paper.yaml"
 def test_every_combination_of_cases_grids_and_seeds_is_one_point() -> None:
     plan = SweepPlan(
         overrides=("seed=5",),
-        cases={"a": ("practice.strategy=direct",), "b": ()},
+        cases={"a": {"practice.strategy": "direct"}, "b": {}},
         grid={"sim.inertia_scale": (1, 2, 3), "practice.goal_duration_s": (6, 4.5)},
         seeds=2,
     )
@@ -100,7 +100,7 @@ def test_a_corner_where_two_values_do_not_go_together_is_a_point_with_a_problem(
 
 
 def test_a_case_that_fits_nowhere_is_named() -> None:
-    plan = SweepPlan(cases={"good": (), "odd": ("learning.rate=2",)}, grid={"sim.inertia_scale": (1, 2)})
+    plan = SweepPlan(cases={"good": {}, "odd": {"learning.rate": 2}}, grid={"sim.inertia_scale": (1, 2)})
     with pytest.raises(ConfigError, match=r"case odd: learning\.rate is 2"):
         lay_out(PAPER, plan)
 
@@ -111,7 +111,7 @@ def test_a_case_that_fits_nowhere_is_named() -> None:
         ({"seeds": 0}, "--seeds is 0"),
         ({"grid": {"seed": (1, 2)}, "seeds": 2}, "the grid names the seeds"),
         ({"grid": {"sim.inertia_scale": (1, 2, 1)}}, "each once"),
-        ({"grid": {"learning.rate": (1,)}, "cases": {"a": ("learning.rate=0.5",)}}, "not in both"),
+        ({"grid": {"learning.rate": (1,)}, "cases": {"a": {"learning.rate": 0.5}}}, "not in both"),
         ({"map": MapPlan(x="sim.payload_kg", y="seed", tolerance_rad=0.1)}, "keys of the grid"),
     ],
 )
