@@ -60,18 +60,15 @@ FAR = ArmVariation(
 def vary(sim: SimConfig, seed: int, variation: ArmVariation = NEAR, *, n_joints: int = 2) -> SimConfig:
     """Return a random arm like the configured one; equal arguments give equal arms.
 
-    Args:
-        sim: the arm to vary; what the variation does not name stays.
-        seed: at least 0.
-        variation: how far from the configured one.
-        n_joints: number of joints where ``sim`` leaves the frictions to the URDF.
+    What the variation does not name stays. ``n_joints`` counts where ``sim`` leaves frictions to the URDF.
 
     Raises:
         ConfigError: the seed is negative.
     """
     if seed < 0:
         raise ConfigError("seed", seed, "a whole number of at least 0")
-    random = np.random.default_rng((_STREAM, seed))
+    # With a stream of its own: the draws are independent of what other modules draw for the same seed.
+    random = np.random.default_rng((0x61726D, seed))
     viscous = sim.viscous_friction_nms_per_rad or (NOMINAL_VISCOUS_FRICTION_NMS_PER_RAD,) * n_joints
     coulomb = sim.coulomb_friction_nm or (0.0,) * len(viscous)
 
@@ -86,7 +83,3 @@ def vary(sim: SimConfig, seed: int, variation: ArmVariation = NEAR, *, n_joints:
         coulomb_friction_nm=tuple(c + random.uniform(*variation.added_coulomb_friction_nm) for c in coulomb),
         position_noise_rad=random.uniform(*variation.position_noise_rad),
     )
-
-
-_STREAM = 0x61726D
-"""Makes the draws for a seed independent of what other modules draw for the same seed."""

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
 from tel_interfaces.srv import StartRecording, StopRecording
 
@@ -40,7 +40,6 @@ from tel_ros.recording.cdr import header_stamp_ns, trial_index
 ANSWER_TIMEOUT_S = 60.0
 SPAWNER = multiprocessing.get_context("forkserver")
 SPAWNER.set_forkserver_preload(["tel_ros.nodes.trial_recorder"])
-_POOL_S = 1.0
 _LABEL = b"1000000000000000000"  # as many digits as stamps of our time have
 _STAMP_AT, _TRIAL_AT = 4, 20
 _TYPES = {
@@ -54,24 +53,16 @@ Sent = tuple[str, int, bytes]
 
 
 class Stream:
-    """Publishes a tick's messages again and again from when it is entered until it is left.
-
-    Args:
-        node: that publishes.
-        rate_hz: ticks a second.
-        n_joints: of the arm.
-        command_topics: that every tick has a command on.
-        seed: of the values.
-    """
+    """Publishes a tick's messages again and again from when it is entered until it is left."""
 
     def __init__(
         self, node: Node, rate_hz: float, n_joints: int, command_topics: tuple[str, ...], seed: int
     ) -> None:
         self.period_ns = round(NS_PER_S / rate_hz)
-        self._order = (topics.JOINT_STATES, *command_topics, topics.CONTROL_STATES)
-        self._publishers = {t: node.create_publisher(_TYPES[t], t, qos.STREAM) for t in self._order}
+        types = self.types(command_topics)
+        self._publishers = {t: node.create_publisher(kind, t, qos.STREAM) for t, kind in types.items()}
         self._joints = [f"joint_{k + 1}" for k in range(n_joints)]
-        self._pool = self._made_beforehand(round(_POOL_S * rate_hz), np.random.default_rng(seed))
+        self._pool = self._made_beforehand(round(rate_hz), np.random.default_rng(seed))
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -108,19 +99,11 @@ class Stream:
 
     def goal(self, trial: int, n_points: int) -> TrialGoal:
         """Return a goal of so many points."""
-        n = n_points * len(self._joints)
-        values = array("d", np.random.default_rng(trial).normal(size=n))
+        values = array("d", np.random.default_rng(trial).normal(size=n_points * len(self._joints)))
         times = array("q", (self.period_ns * np.arange(n_points)).tolist())
-        return TrialGoal(
-            trial=trial,
-            alpha=1.0,
-            joint_names=self._joints,
-            time_ns=times,
-            position_rad=values,
-            velocity_rad_s=values,
-            acceleration_rad_s2=values,
-            equilibrium_rad=values,
-        )
+        names = ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "equilibrium_rad")
+        points = dict.fromkeys(names, values)
+        return TrialGoal(trial=trial, alpha=1.0, joint_names=self._joints, time_ns=times, **points)
 
     def __enter__(self) -> Stream:
         """Begin to publish."""
@@ -143,9 +126,9 @@ class Stream:
 
     def _tick(self, templates: dict[str, bytes]) -> None:
         self.stamp_ns += self.period_ns
-        for topic in self._order:
+        for topic, publisher in self._publishers.items():
             raw = self._stamped(topic, templates[topic])
-            self._publishers[topic].publish(raw)
+            publisher.publish(raw)
             self.sent.append((topic, self.stamp_ns, raw))
 
     def _stamped(self, topic: str, template: bytes) -> bytes:
@@ -165,48 +148,33 @@ class Stream:
             values = np.sin(phase) + 1e-4 * rng.normal(size=(n, n_joints))
             return [array("d", row) for row in values]
 
-        position, velocity, effort, equilibrium = column(), column(), column(), column()
-        desired, desired_velocity, desired_acceleration = column(), column(), column()
-        layout = Float64MultiArray().layout
-        layout.dim = [MultiArrayDimension(label=_LABEL.decode(), size=n_joints, stride=n_joints)]
+        names = [
+            *("position_rad", "velocity_rad_s", "effort_nm", "equilibrium_rad"),
+            *("desired_position_rad", "desired_velocity_rad_s", "desired_acceleration_rad_s2"),
+        ]
+        columns = {name: column() for name in names}
+        dimension = MultiArrayDimension(label=_LABEL.decode(), size=n_joints, stride=n_joints)
+        layout = MultiArrayLayout(dim=[dimension])
         pool = []
         for k in range(n):
-            state = JointState(
-                name=self._joints, position=position[k], velocity=velocity[k], effort=effort[k]
-            )
-            control = ControlState(
-                trial=1,
-                phase=ControlState.RUN,
-                desired_position_rad=desired[k],
-                desired_velocity_rad_s=desired_velocity[k],
-                desired_acceleration_rad_s2=desired_acceleration[k],
-                equilibrium_rad=equilibrium[k],
-                position_rad=position[k],
-                velocity_rad_s=velocity[k],
-                effort_nm=effort[k],
-                saturated=[False] * n_joints,
-            )
-            commands = {
-                t: serialize_message(Float64MultiArray(layout=layout, data=effort[k]))
-                for t in self._order[1:-1]
+            values = {name: column[k] for name, column in columns.items()}
+            position, velocity, effort = list(values.values())[:3]
+            messages = {
+                JointState: JointState(
+                    name=self._joints, position=position, velocity=velocity, effort=effort
+                ),
+                ControlState: ControlState(
+                    trial=1, phase=ControlState.RUN, saturated=[False] * n_joints, **values
+                ),
+                Float64MultiArray: Float64MultiArray(layout=layout, data=effort),
             }
-            pool.append(
-                {
-                    topics.JOINT_STATES: serialize_message(state),
-                    topics.CONTROL_STATES: serialize_message(control),
-                    **commands,
-                }
-            )
-        self._check_places(pool[0])
-        return pool
-
-    @staticmethod
-    def _check_places(templates: dict[str, bytes]) -> None:
-        probe = bytearray(templates[topics.CONTROL_STATES])
+            pool.append({t: serialize_message(messages[_TYPES[t]]) for t in self._publishers})
+        probe = bytearray(pool[0][topics.CONTROL_STATES])
         struct.pack_into("<iI", probe, _STAMP_AT, 12, 34)
         struct.pack_into("<I", probe, _TRIAL_AT, 56)
         if (header_stamp_ns(bytes(probe)), trial_index(bytes(probe))) != (12 * NS_PER_S + 34, 56):
             raise ValueError("stamp and index of a trial do not lie where they are written")
+        return pool
 
 
 class Client(Node):
@@ -218,10 +186,6 @@ class Client(Node):
         self.spinner.add_node(self)
         self._start = self.create_client(StartRecording, topics.START_RECORDING)
         self._stop = self.create_client(StopRecording, topics.STOP_RECORDING)
-
-    def is_ready(self) -> bool:
-        """Return whether a recorder is there."""
-        return bool(self._start.service_is_ready() and self._stop.service_is_ready())
 
     def call_start(self, bag: Path, goal: TrialGoal) -> Any:
         """Ask for a bag to be opened; return the future."""
@@ -245,6 +209,13 @@ class Client(Node):
     def spin_for(self, duration_s: float) -> None:
         """Spin for a while."""
         self.spin_until(lambda: False, duration_s)
+
+    def wait_for_recorder(self) -> None:
+        """Wait until a recorder is there."""
+        if not self.spin_until(
+            lambda: self._start.service_is_ready() and self._stop.service_is_ready(), ANSWER_TIMEOUT_S
+        ):
+            raise TimeoutError("the recorder did not come up")
 
     def answer(self, future: Any) -> Any:
         """Wait for an answer that has to say success."""

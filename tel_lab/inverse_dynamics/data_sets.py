@@ -20,10 +20,11 @@ from tel_lab.inverse_dynamics.arm_models import (
     with_wrong_inertias,
 )
 from tel_lab.offline import OfflineArm
+from tel_lab.random_path import sine_path, sines
 from tel_lab.study import ROOT
 from tel_ros.core.learning.inputs import query_inputs, stack_inputs
 from tel_ros.core.learning.signals import learning_record, training_samples
-from tel_ros.core.trajectories.paths import Derivatives, Path, waypoint_path
+from tel_ros.core.trajectories.paths import Path, waypoint_path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, TrialGoal
 from tel_ros.core.types import FloatArray
@@ -35,13 +36,11 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Trial:
-    """One movement from rest to rest.
+    """One movement from rest to rest, and what the motors did.
 
     Args:
-        name: for records and messages.
         inputs: q, q̇, q̈ in rad, rad/s, rad/s². Shape (n, 3 * n_joints).
-        torque_nm: what the motors did at these moments. Shape (n, n_joints).
-        rate_hz: samples a second.
+        torque_nm: shape (n, n_joints).
         input_noise: standard deviation of the noise in each column of ``inputs``. Shape (3 * n_joints,).
         bandwidth_hz: what lies above has been filtered away; half of the rate if nothing was filtered.
     """
@@ -63,15 +62,8 @@ class Trial:
 class DataSet:
     """Trials of one arm.
 
-    Args:
-        name: of the set.
-        about: in one sentence.
-        joints: names, in the order of all arrays.
-        training: trials to learn from, in the order in which they were made.
-        held_out: trials to predict.
-        urdf: text of a URDF whose kinematics are right and whose inertias are wrong.
-        stiffness_nm_per_rad: K of the EP control law; 1 where torque itself is to be learned.
-        damping_nms_per_rad: B of the EP control law; 0 where torque itself is to be learned.
+    ``urdf`` is a text with the right kinematics and wrong inertias. K and B are of the EP control law; 1
+    and 0 where torque itself is to be learned.
     """
 
     name: str
@@ -97,12 +89,8 @@ def planar_practice(
     They are simulated with encoders, filtered and differentiated as in practice. The commands come from no
     learner, but from the arm's formula with inertias a tenth too small: about as good as after some practice.
     As in practice torque follows from the command by the EP law. The velocity that the drive gives this law
-    is about 2 ms late, so the torque is that of an arm with slightly less inertia.
-
-    Args:
-        durations_s: of the trials on the practised path, in this order.
-        held_out_s: those of them that are not for training: one between the others, and the fastest.
-        other_paths_s: durations of trials on other closed paths in the same region; all are held out.
+    is about 2 ms late, so the torque is that of an arm with slightly less inertia. Held out are two of the
+    durations on the practised path, one between the others and the fastest, and the trials on other paths.
     """
     config = load_config(ROOT / "config" / "paper.yaml", [])
     rate_hz, cutoff_hz = config.control.rate_hz, config.learning.filter_cutoff_hz
@@ -110,7 +98,7 @@ def planar_practice(
     practised = load_path(config.path, config.arm)
     rng = np.random.default_rng(1)
     middle_rad = np.array([0.6, 1.05])
-    others = [sine_path(f"other path {i + 1}", middle_rad, rng) for i in range(len(other_paths_s))]
+    others = [random_loop(f"other path {i + 1}", middle_rad, rng) for i in range(len(other_paths_s))]
     plan = [(practised, t) for t in durations_s] + list(zip(others, other_paths_s, strict=True))
     training: list[Trial] = []
     held_out: list[Trial] = []
@@ -222,7 +210,7 @@ def seven_joints() -> DataSet:
     middle_rad = np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
     trials: list[Trial] = []
     for duration_s in np.linspace(10.0, 3.0, 15):
-        path = sine_path("", middle_rad + rng.uniform(-0.3, 0.3, model.nv), rng, highest=2)
+        path = random_loop("", middle_rad + rng.uniform(-0.3, 0.3, model.nv), rng, highest=2)
         motion = sample(path, duration_s, rate_hz)
         q, v, a = motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2
         torque_nm = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
@@ -243,33 +231,17 @@ def seven_joints() -> DataSet:
     )
 
 
-def sine_path(name: str, middle_rad: FloatArray, rng: np.random.Generator, *, highest: int = 3) -> Path:
+def random_loop(name: str, middle_rad: FloatArray, rng: np.random.Generator, *, highest: int = 3) -> Path:
     """Return a random closed path on which every joint goes 0.5 rad to at least one side of its middle.
 
     Each joint follows a sum of sines that go around 1 to ``highest`` times.
-
-    Args:
-        name: of the path.
-        middle_rad: shape (n_joints,).
-        rng: decides on shares and phases.
-        highest: harmonic.
     """
-    n_joints = len(middle_rad)
-    omega = 2.0 * np.pi * np.arange(1, highest + 1)
-    phase = rng.uniform(0.0, 2.0 * np.pi, (n_joints, highest))
-    share = rng.uniform(0.3, 1.0, (n_joints, highest))
-    s = np.linspace(0.0, 1.0, 1001)[:, None, None]
-    share *= 0.5 / np.abs(np.sum(share * np.sin(omega * s + phase), axis=2)).max(axis=0)[:, None]
-
-    def evaluate(s: FloatArray) -> Derivatives:
-        angle = omega * s[:, None, None] + phase
-        return (
-            middle_rad + np.sum(share * np.sin(angle), axis=2),
-            np.sum(share * omega * np.cos(angle), axis=2),
-            np.sum(-share * omega**2 * np.sin(angle), axis=2),
-        )
-
-    return Path(name, n_joints, evaluate)
+    shape = len(middle_rad), highest
+    omega = 2.0 * np.pi * np.arange(1, highest + 1, dtype=np.float64)
+    phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+    share = rng.uniform(0.3, 1.0, shape)
+    share *= 0.5 / np.abs(sines(np.linspace(0.0, 1.0, 1001), share, omega, phase)[0]).max(axis=0)[:, None]
+    return sine_path(name, middle_rad, share, omega, phase)
 
 
 def stacked(trials: Iterable[Trial]) -> tuple[FloatArray, FloatArray]:

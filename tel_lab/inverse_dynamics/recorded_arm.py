@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,10 +11,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from sim_bridge.arm import SimulatedArm
 from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.random_path import sines as sums_of_sines
 from tel_lab.study import ROOT
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.types import FloatArray, IntArray
+from tel_ros.core.types import FloatArray
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.topics import JOINT_STATES
 
@@ -35,14 +35,9 @@ _RAMP_S = 1.0
 
 @dataclass(frozen=True)
 class Motion:
-    """What an arm did, at each tick of its controller.
+    """What an arm did at each tick of its controller, before any encoder; or what a logger wrote down of it.
 
-    Args:
-        joints: names.
-        time_s: shape (n,).
-        position_rad: as it was, before any encoder. Shape (n, n_joints).
-        velocity_rad_s: likewise.
-        effort_nm: that the motors made in the tick before. Shape (n, n_joints).
+    Efforts are those of the tick before. Shape (n, n_joints) each.
     """
 
     joints: tuple[str, ...]
@@ -52,35 +47,11 @@ class Motion:
     effort_nm: FloatArray
 
 
-@dataclass(frozen=True)
-class Record:
-    """What a logger wrote down of a motion.
-
-    Args:
-        joints: names.
-        stamp_ns: shape (n,).
-        position_rad: shape (n, n_joints).
-        velocity_rad_s: likewise.
-        effort_nm: likewise.
-    """
-
-    joints: tuple[str, ...]
-    stamp_ns: IntArray
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    effort_nm: FloatArray
-
-
 def moved(duration_s: float, speed: float, seed: int) -> Motion:
     """Return a movement of all joints on sums of sines that never repeat, without noise.
 
     The controller is given the exact inverse dynamics, so that the arm goes where it should at any speed;
-    what is recorded does not depend on that.
-
-    Args:
-        duration_s: of it.
-        speed: factor on all frequencies, which are 0.05 to 0.6 Hz at 1.
-        seed: of frequencies, amplitudes and phases.
+    what is recorded does not depend on that. ``speed`` is a factor on all frequencies: 0.05 to 0.6 Hz at 1.
     """
     config = load_config(CONFIG, [])
     sim = replace(
@@ -105,23 +76,17 @@ def moved(duration_s: float, speed: float, seed: int) -> Motion:
     return Motion(config.arm.joints, desired.time_s, position, velocity, effort)
 
 
-def recorded(
-    motion: Motion, rate_hz: float, seed: int, *, jitter: float = 0.2, stamp_noise_s: float = 1e-4
-) -> Record:
-    """Return what a logger at another rate writes down.
+def recorded(motion: Motion, rate_hz: float, seed: int) -> Motion:
+    """Return what a logger at another rate writes down: stamps since its start, and with its noise.
 
-    Args:
-        motion: of the arm.
-        rate_hz: of the logger.
-        seed: of its noise.
-        jitter: standard deviation of the time from sample to sample, in periods: samples are taken unevenly.
-        stamp_noise_s: standard deviation by which a stamp is wrong.
+    Samples are taken unevenly, with a standard deviation of 0.2 periods from one to the next, and stamps are
+    wrong by 0.1 ms.
     """
     rng = np.random.default_rng(seed)
     n = int(motion.time_s[-1] * rate_hz) - 2
     # Half of that on either end of a step.
-    taken_s = (np.arange(n) + 1.0 + np.clip(rng.normal(0.0, jitter / np.sqrt(2.0), n), -0.45, 0.45)) / rate_hz
-    stamp_s = np.maximum.accumulate(taken_s + rng.normal(0.0, stamp_noise_s, n))
+    taken_s = (np.arange(n) + 1.0 + np.clip(rng.normal(0.0, 0.2 / np.sqrt(2.0), n), -0.45, 0.45)) / rate_hz
+    stamp_s = np.maximum.accumulate(taken_s + rng.normal(0.0, 1e-4, n))
 
     def at(values: FloatArray) -> FloatArray:
         return np.column_stack([np.interp(taken_s, motion.time_s, column) for column in values.T])
@@ -129,17 +94,17 @@ def recorded(
     step_rad = 2.0 * np.pi / 2**ENCODER_BITS
     effort = at(motion.effort_nm)
     noise = rng.normal(0.0, TORQUE_NOISE * motion.effort_nm.std(axis=0), effort.shape)
-    return Record(
+    return Motion(
         joints=motion.joints,
-        stamp_ns=np.round(1e9 * (1000.0 + stamp_s)).astype(np.int64),
+        time_s=stamp_s,
         position_rad=np.round(at(motion.position_rad) / step_rad) * step_rad,
         velocity_rad_s=at(motion.velocity_rad_s),
         effort_nm=effort + noise,
     )
 
 
-def write_bag(records: Sequence[Record], bag: Path, storage: StoragePlugin) -> None:
-    """Write records, one after the other, as a stock ``joint_state_broadcaster`` would have been recorded."""
+def write_bag(record: Motion, bag: Path, storage: StoragePlugin) -> None:
+    """Write a record as a stock ``joint_state_broadcaster`` would have been recorded."""
     store = get_typestore(Stores.ROS2_JAZZY)
     state, header, time = (
         store.types[name]
@@ -147,18 +112,12 @@ def write_bag(records: Sequence[Record], bag: Path, storage: StoragePlugin) -> N
     )
     with Writer(bag, version=9, storage_plugin=storage) as writer:
         connection = writer.add_connection(JOINT_STATES, state.__msgtype__, typestore=store)
-        for record in records:
-            rows = zip(
-                record.stamp_ns.tolist(),
-                record.position_rad,
-                record.velocity_rad_s,
-                record.effort_nm,
-                strict=True,
-            )
-            for stamp_ns, position, velocity, effort in rows:
-                stamp = time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-                message = state(header(stamp, ""), list(record.joints), position, velocity, effort)
-                writer.write(connection, stamp_ns, store.serialize_cdr(message, state.__msgtype__))
+        stamps_ns = np.round(1e9 * (1000.0 + record.time_s)).astype(np.int64).tolist()
+        columns = (record.position_rad, record.velocity_rad_s, record.effort_nm)
+        for stamp_ns, *values in zip(stamps_ns, *columns, strict=True):
+            stamp = time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+            message = state(header(stamp, ""), list(record.joints), *values)
+            writer.write(connection, stamp_ns, store.serialize_cdr(message, state.__msgtype__))
 
 
 def sines(duration_s: float, speed: float, rng: np.random.Generator) -> DesiredTrajectory:
@@ -169,18 +128,13 @@ def sines(duration_s: float, speed: float, rng: np.random.Generator) -> DesiredT
     amplitude = rng.uniform(0.5, 1.0, (n_joints, _N_SINES)) * (_SLOWEST_HZ * speed / frequency_hz) ** 0.5
     amplitude *= _AMPLITUDE_RAD / amplitude.sum(axis=1, keepdims=True)
     omega, phase = 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi, (n_joints, _N_SINES))
-    angle = omega * time_s[:, None, None] + phase
     ramp = np.clip(time_s / _RAMP_S, 0.0, 1.0)
     grown, slope, bend = (
         10.0 * ramp**3 - 15.0 * ramp**4 + 6.0 * ramp**5,
         (30.0 * ramp**2 - 60.0 * ramp**3 + 30.0 * ramp**4) / _RAMP_S,
         (60.0 * ramp - 180.0 * ramp**2 + 120.0 * ramp**3) / _RAMP_S**2,
     )
-    q, v, a = (
-        np.sum(amplitude * np.sin(angle), axis=2),
-        np.sum(amplitude * omega * np.cos(angle), axis=2),
-        np.sum(-amplitude * omega**2 * np.sin(angle), axis=2),
-    )
+    q, v, a = sums_of_sines(time_s, amplitude, omega, phase)
     grown, slope, bend = grown[:, None], slope[:, None], bend[:, None]
     return DesiredTrajectory(
         time_ns=np.round(1e9 * time_s).astype(np.int64),

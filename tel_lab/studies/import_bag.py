@@ -73,25 +73,18 @@ def imported(slow: Motion, fast: Motion, rate_hz: float, label: str) -> Imported
         urdf = folder / "arm.urdf"
         urdf.write_text(with_wrong_inertias(iiwa_urdf()), encoding="utf-8")
         bags = folder / "slow", folder / "fast"
-        write_bag([recorded(slow, rate_hz, seed=1)], bags[0], StoragePlugin.MCAP)
-        write_bag([recorded(fast, rate_hz, seed=2)], bags[1], StoragePlugin.SQLITE3)
-        request = ImportRequest(
-            sources=bags[:1], out=folder / "network.npz", urdf=str(urdf), **LEARNERS[label]
-        )
-        return _asked(request, bags[1], f"{rate_hz:g} Hz", label)
-
-
-def _asked(request: ImportRequest, fast: Path, recording: str, label: str) -> Imported:
-    start = time.process_time()
-    held_out = import_and_train(request).fit.held_out
-    cpu_s = time.process_time() - start
-    learner = load_network(request.out)
-    recordings, _ = read_sources([fast])
-    parts = [part for recording in recordings for part in torque_samples(recording)]
-    asked = [(part.torque_nm, predict_torque(learner, part.inputs)) for part in parts]
-    outside = held_out_error(asked)
-    warning = extrapolation_warning(learner, asked[0][1])
-    return Imported(recording, label, held_out, outside, cpu_s, warning)
+        write_bag(recorded(slow, rate_hz, seed=1), bags[0], StoragePlugin.MCAP)
+        write_bag(recorded(fast, rate_hz, seed=2), bags[1], StoragePlugin.SQLITE3)
+        out, settings = folder / "network.npz", LEARNERS[label]
+        start = time.process_time()
+        done = import_and_train(ImportRequest(sources=bags[:1], out=out, urdf=str(urdf), **settings))
+        cpu_s = time.process_time() - start
+        learner = load_network(out)
+        recordings, _ = read_sources(bags[1:])
+        parts = [part for recording in recordings for part in torque_samples(recording)]
+        asked = [(part.torque_nm, predict_torque(learner, part.inputs)) for part in parts]
+        warning = extrapolation_warning(learner, asked[0][1])
+        return Imported(f"{rate_hz:g} Hz", label, done.fit.held_out, held_out_error(asked), cpu_s, warning)
 
 
 COLUMNS: tuple[Column[Imported], ...] = (
@@ -131,21 +124,24 @@ def acceleration_errors(desired: DesiredTrajectory, rate_hz: float) -> tuple[flo
     return wrong(differences(q)), best, wrong(differences(smooth)), wrong(spline)
 
 
-def _percent(value: float) -> str:
-    return f"{value:.3g} %"
-
-
-ACCELERATION_COLUMNS: tuple[Column[tuple[float, float, tuple[float, ...]]], ...] = (
-    Column("rate", lambda row: f"{row[0]:g} Hz", left=True),
-    Column("motion up to", lambda row: f"{row[1] * FASTEST_HZ:g} Hz", left=True),
-    Column("differences alone", lambda row: 100.0 * row[2][0], _percent),
-    Column("Savitzky-Golay, best window", lambda row: 100.0 * row[2][1], _percent),
-    Column("Butterworth, differences", lambda row: 100.0 * row[2][2], _percent),
-    Column("Butterworth, spline", lambda row: 100.0 * row[2][3], _percent),
-)
+Errors = tuple[float, float, tuple[float, ...]]
 """Rate, factor on the frequencies, and RMS error over RMS acceleration by four methods, mean of the joints.
 
 The Savitzky-Golay filter (degree 4) gets the best of all its windows, which only the truth can tell."""
+
+
+def _percent(heading: str, method: int) -> Column[Errors]:
+    return Column(heading, lambda row: f"{100.0 * row[2][method]:.3g} %")
+
+
+ACCELERATION_COLUMNS: tuple[Column[Errors], ...] = (
+    Column("rate", lambda row: f"{row[0]:g} Hz", left=True),
+    Column("motion up to", lambda row: f"{row[1] * FASTEST_HZ:g} Hz", left=True),
+    _percent("differences alone", 0),
+    _percent("Savitzky-Golay, best window", 1),
+    _percent("Butterworth, differences", 2),
+    _percent("Butterworth, spline", 3),
+)
 
 
 @study(sets=False)

@@ -154,8 +154,8 @@ def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Resu
         value = COMPARED[what]
         return number(f"{what} / {baseline}", lambda r: value(r) / value(found[r.data, baseline]))
 
-    def growth(what: str, value: Callable[[Result, int], float]) -> list[Column[Result]]:
-        return [number(f"{part:.0%}: {what}", partial(value, i=i)) for i, part in enumerate(parts)]
+    def growth(what: str, value: Callable[[int, Result], float]) -> list[Column[Result]]:
+        return [number(f"{part:.0%}: {what}", partial(value, i)) for i, part in enumerate(parts)]
 
     ratios = [*NAMES, *(ratio(what, baseline) for baseline in (GP, MLP) for what in COMPARED)]
     made = [
@@ -163,8 +163,8 @@ def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Resu
         Table(ratios, [r for r in results if r.is_ours], "Ours divided by theirs: below 1, ours is better"),
     ]
     if len(parts) > 1:
-        grown = growth("nMSE", lambda r, i: float(r.nmse[i].mean()))
-        grown += growth("time [s]", lambda r, i: r.training_s[i])
+        grown = growth("nMSE", lambda i, r: float(r.nmse[i].mean()))
+        grown += growth("time [s]", lambda i, r: r.training_s[i])
         made.append(Table([*NAMES, *grown], results, "Trained on a part of the trials"))
     return made
 

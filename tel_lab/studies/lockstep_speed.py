@@ -12,13 +12,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import click
 import psutil
 
-from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, practice_command
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, cpu_time_s, practice_command
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import of_texts
 from tel_ros.core.errors import TelError
@@ -75,54 +76,42 @@ def bare_round_trips_per_s() -> float:
         echo.wait(10.0)
 
 
-class StageClock:
-    """Hears on the graph in which stage a run is, and adds up the time spent in each."""
-
-    def __init__(self) -> None:
-        import rclpy
-        from tel_interfaces.action import Practice
-
-        rclpy.init()
-        self.seconds: dict[str, float] = {}
-        self._stage, self._since = "", time.monotonic()
-        self._node = rclpy.create_node("stage_clock")
-        feedback = f"{topics.PRACTICE}/_action/feedback"
-        self._node.create_subscription(Practice.Impl.FeedbackMessage, feedback, self._hear, 100)
-
-    def _hear(self, message: Any) -> None:
-        if message.feedback.stage != self._stage:
-            now = time.monotonic()
-            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
-            self._stage, self._since = message.feedback.stage, now
-
-    def listen(self, duration_s: float) -> None:
-        """Let messages arrive for a while."""
-        import rclpy
-
-        end = time.monotonic() + duration_s
-        while time.monotonic() < end:
-            rclpy.spin_once(self._node, timeout_sec=max(0.0, end - time.monotonic()))
-
-
 def practised(
     config: Path, folder: Path, overrides: list[str]
 ) -> tuple[dict[str, Any], dict[str, float], float]:
     """Practise; return the summary, the CPU time of each node in s, and the time spent moving in s."""
+    import rclpy
+    from tel_interfaces.action import Practice
+
     command = practice_command(config, folder, overrides)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     cpu_s: dict[str, float] = {}
-    clock = StageClock()
+    stage_s: dict[str, float] = defaultdict(float)
+    stage, since = "", time.monotonic()
+
+    def hear(message: Any) -> None:
+        nonlocal stage, since
+        if message.feedback.stage != stage:
+            now = time.monotonic()
+            stage_s[stage] += now - since
+            stage, since = message.feedback.stage, now
+
+    rclpy.init()
+    node = rclpy.create_node("stage_clock")
+    node.create_subscription(Practice.Impl.FeedbackMessage, f"{topics.PRACTICE}/_action/feedback", hear, 100)
     while process.poll() is None:
         for child in psutil.Process(process.pid).children():
             try:
-                times, name = child.cpu_times(), child.cmdline()[2].split(".")
-                cpu_s[name[0] if name[0] == "sim_bridge" else name[-1]] = times.user + times.system
+                name = child.cmdline()[2].split(".")
+                cpu_s[name[0] if name[0] == "sim_bridge" else name[-1]] = cpu_time_s(child.pid)
             except (psutil.NoSuchProcess, IndexError):
                 continue
-        clock.listen(0.2)
+        end = time.monotonic() + 0.2
+        while (left_s := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=left_s)
     if process.returncode != 0:
         raise TelError(f"tel practice ended with code {process.returncode}")
-    return json.loads((folder / "summary.json").read_text()), cpu_s, clock.seconds["moving"]
+    return json.loads((folder / "summary.json").read_text()), cpu_s, stage_s["moving"]
 
 
 @study()

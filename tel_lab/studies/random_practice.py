@@ -48,8 +48,8 @@ FIRST_TO_GOAL = 2.5
 class Result:
     """The practice run of one seed: its arm, the goal, and how it went.
 
-    By the exact model the goal movement needs ``effort_share`` of a limit and has ``exact_rms_rad``. The outcome
-    is what the strategy says, or ``failed`` if the run ended in an error.
+    By the exact model the goal needs ``effort_share`` of a limit and has an error of ``exact_rms_rad``. The
+    outcome is what the strategy says, or ``failed`` if the run ended in an error.
     """
 
     seed: int

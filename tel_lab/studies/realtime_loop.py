@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import psutil
 from rosbags.highlevel import AnyReader
 
 from tel_lab.study import ROOT, StudyOptions, study
@@ -53,12 +54,7 @@ class Figures:
 
     @classmethod
     def of(cls, timing: dict[str, float], in_time: float) -> Figures:
-        """Return the figures of a loop.
-
-        Args:
-            timing: a ``LoopTiming`` as a dictionary.
-            in_time: share of the states that were answered before the next period ended.
-        """
+        """Return the figures of a ``LoopTiming`` and the share of states answered within the period."""
         p50, p99, largest = (1e3 * timing[f"jitter_{which}_s"] for which in ("p50", "p99", "max"))
         missed = int(timing["missed_ticks"])
         return cls(timing["state_rate_hz"], p50, p99, largest, 100.0 * in_time, missed)
@@ -153,9 +149,8 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
     parts = []
     for target in (bare_controller, bare_arm):
         results = SPAWN.Queue()
-        process = SPAWN.Process(
-            target=target, args=(rate_hz, duration_s + 1.0, priority, results), daemon=True
-        )
+        arguments = (rate_hz, duration_s + 1.0, priority, results)
+        process = SPAWN.Process(target=target, args=arguments, daemon=True)
         process.start()
         parts.append((process, results))
     (controller, timing), (arm, in_time) = parts
@@ -165,6 +160,12 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
         for process in (controller, arm):
             process.join(10.0)
             process.kill()
+
+
+def cpu_time_s(pid: int) -> float:
+    """Return how long a process has had a core so far."""
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
 
 
 def practice_command(config: Path, folder: Path, overrides: Sequence[str]) -> list[str]:
@@ -229,11 +230,8 @@ def in_time(bag: Path, rate_hz: float) -> float:
 
 
 @contextlib.contextmanager
-def load(busy: bool) -> Iterator[None]:
-    """Keep one core busy meanwhile, or none."""
-    if not busy:
-        yield
-        return
+def busy_core() -> Iterator[None]:
+    """Keep one core busy meanwhile."""
     process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:
         yield
@@ -262,11 +260,7 @@ COLUMNS = [
     Column("max ms", _both("jitter_max_ms", 2)),
     Column("answered in time %", _both("in_time_percent", 2)),
     Column("missed ticks", _both("missed", 0)),
-    Column(
-        "p99, times the bare pair's",
-        lambda row: row[1] and row[1].jitter_p99_ms / row[2].jitter_p99_ms,
-        ".2f",
-    ),
+    Column("p99, times the bare pair's", lambda r: r[1] and r[1].jitter_p99_ms / r[2].jitter_p99_ms, ".2f"),
 ]
 
 
@@ -283,7 +277,7 @@ def realtime_loop(options: StudyOptions, config: Path, seconds: float, rates_hz:
         for rate_hz, busy, priority in itertools.product(rates_hz, (False, True), (0, PRIORITY)):
             name = f"{rate_hz:.0f} Hz, {'busy' if busy else 'idle'}, {'options' if priority else 'plain'}"
             run = Path(folder) / f"run_{len(rows)}"
-            with load(busy):
+            with busy_core() if busy else contextlib.nullcontext():
                 ours = product(config, rate_hz, seconds, priority, run, options.overrides)
                 rows.append((name, ours, bare_pair(rate_hz, seconds, priority)))
             print(*(column.text(rows[-1]) for column in COLUMNS), sep="  ", file=sys.stderr)

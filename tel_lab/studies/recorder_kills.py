@@ -18,16 +18,16 @@ import json
 import os
 import sys
 import tempfile
-from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from tel_lab.recorder_stream import ANSWER_TIMEOUT_S, Client, Sent, Stream, beside, in_bag, is_same, record
+from tel_lab.recorder_stream import Client, Sent, Stream, beside, in_bag, is_same, record
 from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
 from tel_lab.study import StudyOptions, study
 from tel_lab.tables import Column, Table
@@ -47,16 +47,11 @@ N_DOMAINS = 40
 
 @dataclass(frozen=True)
 class Kill:
-    """What one kill left behind.
+    """What one kill left behind, so long after the call of *start* for the second trial.
 
-    Args:
-        storage: of the bags.
-        moment_s: when, after the call of *start* for the second trial.
-        found: ``whole``, ``recovered``, ``not begun`` (no recording yet), or ``nothing`` (no whole chunk).
-        sent: messages of the trial and around it that were sent before the kill.
-        saved: of these, messages in the bag.
-        lost_s: from the newest joint state in the bag to the newest that was sent.
-        violations: what must not be.
+    ``found``: whole, recovered, not begun (no recording yet), or nothing (no whole chunk). ``sent``: messages
+    before the kill; ``saved``: of these in the bag; ``lost_s``: from its newest joint state to the newest
+    that was sent; ``violations``: what must not be.
     """
 
     storage: str
@@ -66,11 +61,6 @@ class Kill:
     saved: int
     lost_s: float
     violations: tuple[str, ...]
-
-    @property
-    def saved_percent(self) -> float:
-        """Share of what was sent."""
-        return 100.0 * self.saved / self.sent
 
 
 def kill_once(
@@ -86,22 +76,17 @@ def kill_once(
         Stream(client, rate_hz, N_JOINTS, (topics.EFFORT_COMMANDS,), seed) as stream,
     ):
         sent, begun = sent_until_kill(client, stream, process, folder, moment_s)
-    kill = judge(recording, moment_s, folder, sent)
-    if begun and kill.found in ("not begun", "nothing"):
-        return replace(kill, violations=(*kill.violations, "nothing is left of a recording that had begun"))
-    return kill
+    found, saved, lost_s, violations = judge(folder, sent)
+    if begun and found in ("not begun", "nothing"):
+        violations.append("nothing is left of a recording that had begun")
+    return Kill(recording.storage, moment_s, found, len(sent), saved, lost_s, tuple(violations))
 
 
 def sent_until_kill(
     client: Client, stream: Stream, process: Any, folder: Path, moment_s: float
 ) -> tuple[list[Sent], bool]:
-    """Record a trial, begin another one, and kill the recorder.
-
-    Returns:
-        What had been sent by then, and whether the recorder had said that the recording has begun.
-    """
-    if not client.spin_until(client.is_ready, ANSWER_TIMEOUT_S):
-        raise TimeoutError("the recorder did not come up")
+    """Return what was sent until the kill, and whether the recorder had said that the recording has begun."""
+    client.wait_for_recorder()
     client.answer(client.call_start(folder / FIRST, stream.goal(1, N_POINTS)))
     stream.begin(1)
     client.spin_for(FIRST_S)
@@ -117,8 +102,8 @@ def sent_until_kill(
     return list(stream.sent), started.done()
 
 
-def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[Sent]) -> Kill:
-    """Return what is there after a kill, and what must not be."""
+def judge(folder: Path, sent: list[Sent]) -> tuple[str, int, float, list[str]]:
+    """Return what is there after a kill, how many messages, what was lost in s, and what must not be."""
     first, second = folder / FIRST, folder / SECOND
     violations = []
     unfinished = second.parent / UNFINISHED / second.name
@@ -133,7 +118,7 @@ def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[
         except BagError as error:
             violations.append(f"not whole under its own name: {error}")
     elif not unfinished.exists() or not list(unfinished.glob("*.*[34p]")):
-        return Kill(recording.storage, moment_s, "not begun", len(sent), 0, 0.0, tuple(violations))
+        return "not begun", 0, 0.0, violations
     else:
         found = "recovered"
         try:
@@ -141,7 +126,7 @@ def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[
         except BagError as error:
             if "no whole chunk" not in str(error) and "no transaction" not in str(error):
                 violations.append(str(error))
-            return Kill(recording.storage, moment_s, "nothing", len(sent), 0, 0.0, tuple(violations))
+            return "nothing", 0, 0.0, violations
         with suppress(BagError):
             read_trial(bag)
             violations.append("a recovered bag passes for a whole one")
@@ -151,7 +136,7 @@ def judge(recording: RecordingConfig, moment_s: float, folder: Path, sent: list[
     states = [stamp for topic, stamp, _ in sent if topic == topics.JOINT_STATES]
     newest = max(saved.get(topics.JOINT_STATES, {states[0]: b""}))
     lost_s = max(0, states[-1] - newest) / NS_PER_S
-    return Kill(recording.storage, moment_s, found, len(sent), n_saved, lost_s, tuple(violations))
+    return found, n_saved, lost_s, violations
 
 
 def compared(saved: dict[str, dict[int, bytes]], sent: list[Sent]) -> list[str]:
@@ -178,16 +163,11 @@ class Kills:
 
     def count(self, found: str) -> int:
         """Return how many left this behind."""
-        return Counter(kill.found for kill in self.kills)[found]
+        return sum(kill.found == found for kill in self.kills)
 
-    @property
-    def recovered(self) -> list[Kill]:
-        """Those that left something to recover."""
-        return [kill for kill in self.kills if kill.found == "recovered"]
-
-    def of_recovered(self, reduce: Any, name: str) -> float:
+    def of_recovered(self, reduce: Any, value: Callable[[Kill], float]) -> float:
         """Return a figure of those that left something to recover; NaN if none did."""
-        values = [getattr(kill, name) for kill in self.recovered]
+        values = [value(kill) for kill in self.kills if kill.found == "recovered"]
         return float(reduce(values)) if values else float("nan")
 
 
@@ -199,9 +179,13 @@ COLUMNS = [
         Column(name, functools.partial(Kills.count, found=name))
         for name in ("whole", "recovered", "not begun", "nothing")
     ),
-    Column("lost s, median", lambda row: row.of_recovered(np.median, "lost_s"), ".2f"),
-    Column("most", lambda row: row.of_recovered(max, "lost_s"), ".2f"),
-    Column("saved %, median", lambda row: row.of_recovered(np.median, "saved_percent"), ".0f"),
+    Column("lost s, median", lambda row: row.of_recovered(np.median, lambda kill: kill.lost_s), ".2f"),
+    Column("most", lambda row: row.of_recovered(max, lambda kill: kill.lost_s), ".2f"),
+    Column(
+        "saved %, median",
+        lambda row: row.of_recovered(np.median, lambda kill: 100.0 * kill.saved / kill.sent),
+        ".0f",
+    ),
     Column("violations", lambda row: sum(bool(kill.violations) for kill in row.kills)),
 ]
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import click
 import numpy as np
-import psutil
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -28,7 +27,7 @@ from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 
 from tel_lab.recorder_stream import SPAWNER, Stream, beside, in_bag, is_same, record
-from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, cpu_time_s
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_ros.core.config import RecordingConfig
@@ -50,16 +49,10 @@ WARM_UP_S = 2.0
 
 @dataclass(frozen=True)
 class Rate:
-    """What one process did while the others were as in a run.
+    """What a recorder (by its storage) or the bare subscriber did while the others were as in a run.
 
-    Args:
-        who: the storage, or the bare subscriber.
-        sent_per_s: messages that were published in a second, on all topics together.
-        heard_per_s: messages that came.
-        lost: messages that were sent during the trial and are not there.
-        cpu: share of a core.
-        bytes_per_message: of the data file; NaN without one.
-        payload_per_message: bytes of a message as it is sent.
+    Messages are those on all topics together; ``lost``: sent during the trial and not there; ``cpu``: share
+    of a core; ``bytes_per_message``: of the data file, NaN without one; ``payload_per_message``: as sent.
     """
 
     who: str
@@ -114,8 +107,7 @@ def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate
         beside(domain, record, storage, RecordingConfig().chunk_s) as (process, client),
         Stream(client, RATE_HZ, N_JOINTS, COMMANDS, seed=1) as stream,
     ):
-        if not client.spin_until(client.is_ready, 60.0):
-            raise TimeoutError("the recorder did not come up")
+        client.wait_for_recorder()
         client.spin_for(WARM_UP_S)
         client.answer(client.call_start(bag, stream.goal(1, N_POINTS)))
         stream.begin(1)
@@ -135,12 +127,6 @@ def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate
     payload = float(np.mean([len(raw) for _, _, raw in sent]))
     came = (len(sent) - lost) / elapsed_s
     return Rate(storage, len(sent) / elapsed_s, came, lost, cpu_s / elapsed_s, size / n_saved, payload)
-
-
-def cpu_time_s(pid: int) -> float:
-    """Return how long a process has had a core so far."""
-    times = psutil.Process(pid).cpu_times()
-    return float(times.user + times.system)
 
 
 def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:

@@ -23,6 +23,7 @@ from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
+from tel_ros.core.trial import TrialReport
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
@@ -30,47 +31,29 @@ from tel_ros.recording.waypoint_file import load_path
 TOLERANCE_RAD = 0.005
 
 
-@dataclass(frozen=True)
-class Run:
-    """A practice run to be measured.
-
-    Args:
-        config: file in config/.
-        overrides: what is changed in it.
-    """
-
-    config: str
-    overrides: tuple[str, ...] = ()
-
-
-DIRECT = ("practice.strategy=direct", "practice.on_abort=continue")
+DIRECT = ("paper.yaml", "practice.strategy=direct", "practice.on_abort=continue")
 RUNS = {
-    "solved trees, rising speed": Run("planar_arm.yaml", ("practice.strategy=trajectory_extension",)),
-    "LMS trees, rising speed": Run("paper.yaml"),
-    "narrow Gaussians, goal speed at once": Run(
-        "paper.yaml", (*DIRECT, "practice.trials=12", "learning.gaussians_per_input=40")
+    "solved trees, rising speed": ("planar_arm.yaml", "practice.strategy=trajectory_extension"),
+    "LMS trees, rising speed": ("paper.yaml",),
+    "narrow Gaussians, goal speed at once": (
+        *DIRECT,
+        "practice.trials=12",
+        "learning.gaussians_per_input=40",
     ),
-    "desired training, goal speed at once": Run(
-        "paper.yaml", (*DIRECT, "practice.trials=5", "learning.training=desired")
-    ),
+    "desired training, goal speed at once": (*DIRECT, "practice.trials=5", "learning.training=desired"),
 }
+"""File in config/, and what is changed in it."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One trial, judged three times.
+    """One trial, judged three times, and what the lock-up monitor said.
 
-    Args:
-        index: of the trial.
-        rms_error_rad: tracking error as reported.
-        fitted: as on an arm.
-        true: with the exact inverse dynamics.
-        network: with the network after training as the model.
-        message: of the lock-up monitor.
+    ``fitted``: as on an arm; ``true``: with the exact inverse dynamics; ``network``: with the network after
+    training as the model.
     """
 
-    index: int
-    rms_error_rad: float
+    report: TrialReport
     fitted: TheoryEstimate
     true: TheoryEstimate
     network: TheoryEstimate
@@ -79,8 +62,8 @@ class Measured:
 
 def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
     """Practise and estimate; trials that nothing was learned from are left out."""
-    run = RUNS[name]
-    config = load_config(ROOT / "config" / run.config, [*run.overrides, *overrides])
+    file, *settings = RUNS[name]
+    config = load_config(ROOT / "config" / file, [*settings, *overrides])
     before: Learner = new_network(config)
     with OfflinePractice(config, load_path(config.path, config.arm), before) as practice:
         done = practice.run()
@@ -92,24 +75,16 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
     for trial in done:
         if trial.training is None:
             continue
-        signals = learning_record(trial.trial)
-        duration_s = trial.plan.movement.own_duration_s
-        samples = configured_samples(signals, config.learning)
+        signals, report, outcome = learning_record(trial.trial), trial.report, trial.training
         after = practice.learner_after(trial.plan.index)
-        given = (trial.plan.alpha, duration_s, signals, samples, before, after)
-        report, outcome = trial.trial.report, trial.training
-        measured.append(
-            Measured(
-                index=report.index,
-                rms_error_rad=report.rms_error_rad,
-                fitted=fitted.after_trial(*given),
-                true=true.after_trial(*given),
-                network=TheoryMonitor(units, training, after.predict).after_trial(*given),
-                message=lock_up.after_trial(
-                    report.alpha, report.rms_error_rad, outcome.rms_before_rad, outcome.rms_after_rad
-                ),
-            )
+        samples = configured_samples(signals, config.learning)
+        given = (trial.plan.alpha, trial.plan.movement.own_duration_s, signals, samples, before, after)
+        network = TheoryMonitor(units, training, after.predict)
+        said = lock_up.after_trial(
+            report.alpha, report.rms_error_rad, outcome.rms_before_rad, outcome.rms_after_rad
         )
+        judged = [judge.after_trial(*given) for judge in (fitted, true, network)]
+        measured.append(Measured(report, judged[0], judged[1], judged[2], said))
         before = after
     return measured
 
@@ -119,14 +94,13 @@ def number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "–"
 
 
-def pair(trial: Measured, name: str, scale: float = 1.0) -> str:
-    """Return an estimate and the truth: ``estimate / truth``."""
-    return " / ".join(number(scale * getattr(judged, name)) for judged in (trial.fitted, trial.true))
-
-
 def pairs(heading: str, name: str, scale: float = 1.0) -> Column[Measured]:
-    """Return a column of a figure as estimated and as it is."""
-    return Column(heading, lambda trial: pair(trial, name, scale))
+    """Return a column of a figure as estimated and as it is: ``estimate / truth``."""
+
+    def pair(trial: Measured) -> str:
+        return " / ".join(number(scale * getattr(judged, name)) for judged in (trial.fitted, trial.true))
+
+    return Column(heading, pair)
 
 
 def column(heading: str, value: Callable[[Measured], float]) -> Column[Measured]:
@@ -135,13 +109,13 @@ def column(heading: str, value: Callable[[Measured], float]) -> Column[Measured]
 
 
 TRIAL: tuple[Column[Measured], ...] = (
-    Column("trial", lambda trial: trial.index, left=True),
+    Column("trial", lambda trial: trial.report.index, left=True),
     Column("α", lambda trial: trial.fitted.alpha, ".3f", left=True),
 )
 ERRORS = Table(
     [
         *TRIAL,
-        column("tracking", lambda trial: 1e3 * trial.rms_error_rad),
+        column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
         column("‖R̂û‖", lambda trial: 1e3 * trial.fitted.training_error_rad),
         pairs("‖Ru‖", "command_error_rad", 1e3),
         pairs("‖Ru‖ after", "command_error_after_rad", 1e3),
@@ -165,7 +139,7 @@ CONSTANTS = Table(
         pairs("step", "step_rad", 1e3),
         pairs("Theorem 3", "theorem_3_rad", 1e3),
         column("‖Ru‖ came", lambda trial: 1e3 * trial.true.command_error_rad),
-        column("tracking", lambda trial: 1e3 * trial.rms_error_rad),
+        column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
     ]
 )
 """The constants of each trial and what Theorem 3 makes of them, in mrad."""
@@ -248,11 +222,11 @@ k_α |Δα|; median and range.
 
 def chapter(name: str, trials: Sequence[Measured]) -> str:
     """Return the tables of one run."""
-    run = RUNS[name]
-    said = [f"- after trial {trial.index}: {trial.message}" for trial in trials if trial.message]
+    file, *settings = RUNS[name]
+    said = [f"- after trial {trial.report.index}: {trial.message}" for trial in trials if trial.message]
     return f"""## {name[0].upper()}{name[1:]}
 
-{", ".join(f"`{text}`" for text in (f"config/{run.config}", *run.overrides))}
+{", ".join(f"`{text}`" for text in (f"config/{file}", *settings))}
 
 {dataclasses.replace(ERRORS, rows=trials).markdown()}
 
@@ -265,25 +239,16 @@ Lock-up monitor, tolerance {1e3 * TOLERANCE_RAD:.0f} mrad:
 
 
 Line = tuple[str, Callable[[Measured], float], dict[str, Any]]
-
-
-def _step_mrad(trial: Measured) -> float:
-    return 1e3 * trial.true.step_rad if trial.true.step_rad > 0.0 else np.nan
-
-
+_DOTS = {"ls": "", "marker": "o"}
 _ERRORS: tuple[Line, ...] = (
-    ("tracking error", lambda m: 1e3 * m.rms_error_rad, {"color": INK}),
+    ("tracking error", lambda m: 1e3 * m.report.rms_error_rad, {"color": INK}),
     ("training error ‖R̂û‖", lambda m: 1e3 * m.fitted.training_error_rad, {"color": GREY, "ls": ":"}),
-    (
-        "‖Ru‖ estimated",
-        lambda m: 1e3 * m.fitted.command_error_rad,
-        {"color": ORANGE, "ls": "", "marker": "o"},
-    ),
+    ("‖Ru‖ estimated", lambda m: 1e3 * m.fitted.command_error_rad, {"color": ORANGE, **_DOTS}),
     ("‖Ru‖ true", lambda m: 1e3 * m.true.command_error_rad, {"color": ORANGE}),
-    ("(2 k_α + k_N k_p) |Δα|", _step_mrad, {"color": PURPLE, "ls": "--"}),
+    ("(2 k_α + k_N k_p) |Δα|", lambda m: 1e3 * (m.true.step_rad or np.nan), {"color": PURPLE, "ls": "--"}),
 )
 _CONTRACTION: tuple[Line, ...] = (
-    ("k_R estimated", lambda m: m.fitted.k_r, {"color": BLUE, "ls": "", "marker": "o"}),
+    ("k_R estimated", lambda m: m.fitted.k_r, {"color": BLUE, **_DOTS}),
     ("k_R true", lambda m: m.true.k_r, {"color": BLUE}),
     ("1 - γ + γ k_R", lambda m: m.true.theorem_1, {"color": GREEN, "ls": "--"}),
     ("contraction that came", lambda m: m.true.contraction, {"color": INK}),
@@ -316,7 +281,7 @@ def figure(runs: Mapping[str, Sequence[Measured]]) -> Figure:
 
 def _draw(axes: Axes, trials: Sequence[Measured], lines: Sequence[Line]) -> None:
     for label, value, style in lines:
-        axes.plot([t.index for t in trials], [value(t) for t in trials], ms=3.5, label=label, **style)
+        axes.plot([t.report.index for t in trials], [value(t) for t in trials], ms=3.5, label=label, **style)
 
 
 @study()

@@ -22,9 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
-import psutil
 
-from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, Figures, product
+from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, Figures, cpu_time_s, product
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_ros.core.errors import TelError
@@ -88,23 +87,15 @@ def measure(
     with contextlib.ExitStack() as stack:
         view = None
         if way in WAYS[1:3]:
-            view, line = stack.enter_context(
-                process([sys.executable, "-m", "tel_ros.app.cli", "view", str(config)])
-            )
-            link = line.split()[-1]
+            command = [sys.executable, "-m", "tel_ros.app.cli", "view", str(config)]
+            view, line = stack.enter_context(process(command))
         if way == WAYS[2]:
             looker = _BROWSER if browser else _CLIENT
-            stack.enter_context(process([sys.executable, "-c", looker, link]))
-        before_s, began = _cpu_s(view), time.monotonic()
+            stack.enter_context(process([sys.executable, "-c", looker, line.split()[-1]]))
+        before_s, began = cpu_time_s(view.pid) if view else 0.0, time.monotonic()
         figures = product(config, rate_hz, seconds, 0, folder, more)
-        return figures, (_cpu_s(view) - before_s) / (time.monotonic() - began)
-
-
-def _cpu_s(view: subprocess.Popen[str] | None) -> float:
-    if view is None:
-        return 0.0
-    used = psutil.Process(view.pid).cpu_times()
-    return used.user + used.system
+        used_s = cpu_time_s(view.pid) - before_s if view else 0.0
+        return figures, used_s / (time.monotonic() - began)
 
 
 @dataclass(frozen=True)
@@ -116,17 +107,13 @@ class Row:
     cpu: list[float] = field(default_factory=list)
     ratio: list[float] = field(default_factory=list)
 
-    def values(self, name: str) -> list[float]:
-        """Return a figure in all turns."""
-        return [getattr(figures, name) for figures in self.figures]
-
 
 def _median(name: str) -> Callable[[Row], float]:
-    return lambda row: statistics.median(row.values(name))
+    return lambda row: statistics.median(getattr(figures, name) for figures in row.figures)
 
 
 def _p99(row: Row) -> str:
-    p99 = row.values("jitter_p99_ms")
+    p99 = [figures.jitter_p99_ms for figures in row.figures]
     return f"{statistics.median(p99):.2f} ({min(p99):.2f}–{max(p99):.2f})"
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tel_lab.theory.plant import FittedPlant, Function, PlantSlopes, size, slopes, steepest
+from tel_lab.theory.plant import FittedPlant, Function, plant_slopes, size, slopes, steepest
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, TrainingMode
@@ -81,23 +81,6 @@ class TheoryEstimate:
     def contraction(self) -> float:
         """The factor by which training has shrunk ‖R u‖ of this movement: what Theorems 1 and 2 bound."""
         return _ratio(self.command_error_after_rad, self.command_error_rad)
-
-
-@dataclass(frozen=True)
-class _Step:
-    """From the previous trial's movement: |Δα|, change of the needed command and of the motion; NaN: none."""
-
-    delta_alpha: float = math.nan
-    command_rad: float = math.nan
-    motion: float = math.nan
-
-    @property
-    def k_alpha(self) -> float:
-        return _ratio(self.command_rad, self.delta_alpha)
-
-    @property
-    def k_p(self) -> float:
-        return _ratio(self.motion, self.delta_alpha)
 
 
 class TheoryMonitor:
@@ -163,16 +146,22 @@ class TheoryMonitor:
         training_error = sent_rad - network(actual)
         command_error = needed_rad - network(y)
         where = y if self._training == "desired" else actual
-        rate = _share(trained(where) - network(where), training_error)
+        change = trained(where) - network(where)
+        rate = _ratio(float(np.sum(change * training_error)), float(np.sum(training_error**2)))
         k_r = _ratio(self._size(command_error - training_error), self._size(command_error))
         k_n = steepest(slopes(network, y, self._unit))
         k_l = steepest(slopes(lambda x: after.predict(x) - before.predict(x), y, self._unit))
-        plant = PlantSlopes.along(inverse, y, self._unit)
-        k_x, k_u = plant.k_x, plant.k_u
+        k_x, k_u = map(steepest, plant_slopes(inverse, y, self._unit))
         off_path = self._size(((y - actual) / self._unit)[:, : 2 * self._n_joints])
         theorem_1 = 1.0 - rate + rate * k_r
-        phase, path = _by_phase(signals, duration_s)
-        step = self._step(alpha, phase, path, inverse)
+        time_ns, path = signals.time_ns[signals.run], signals.desired[signals.run]
+        phase = (time_ns - time_ns[0]) / (NS_PER_S * duration_s)  # 0 to 1 where RUN was completed
+        delta_alpha, command_rad, motion = self._step(alpha, phase, path, inverse)
+        step_rad, theorem_3_rad = 2.0 * command_rad + k_n * motion, math.nan
+        if self._previous is not None:
+            last = self._previous[0]
+            from_old_command_rad = last.command_error_rad + command_rad
+            theorem_3_rad = last.k_r * from_old_command_rad + 2.0 * command_rad + k_n * motion
         estimate = TheoryEstimate(
             alpha=alpha,
             tracking_error_rad=self._size((actual - y)[:, : self._n_joints]),
@@ -185,13 +174,13 @@ class TheoryMonitor:
             k_l=k_l,
             k_x=k_x,
             k_u=k_u,
-            k_alpha=step.k_alpha,
-            k_p=step.k_p,
+            k_alpha=_ratio(command_rad, delta_alpha),
+            k_p=_ratio(motion, delta_alpha),
             theorem_1=theorem_1,
             theorem_2=theorem_1 + k_l * (k_u + _ratio(k_x * off_path, self._size(command_error))),
-            command_step_rad=step.command_rad,
-            step_rad=2.0 * step.command_rad + k_n * step.motion,
-            theorem_3_rad=self._theorem_3_rad(step, k_n),
+            command_step_rad=command_rad,
+            step_rad=step_rad,
+            theorem_3_rad=theorem_3_rad,
         )
         self._previous = (estimate, phase, path)
         return estimate
@@ -202,42 +191,28 @@ class TheoryMonitor:
     def _size(self, values: FloatArray) -> float:
         return size(values, self._n_joints)
 
-    def _step(self, alpha: float, phase: FloatArray, path: FloatArray, inverse: Function) -> _Step:
+    def _step(
+        self, alpha: float, phase: FloatArray, path: FloatArray, inverse: Function
+    ) -> tuple[float, float, float]:
+        """Return |Δα| since the previous trial, change of needed command and of motion; NaN without one."""
         if self._previous is None:
-            return _Step()
+            return math.nan, math.nan, math.nan
         last, last_phase, last_path = self._previous
         delta_alpha = abs(alpha - last.alpha)
         if delta_alpha == 0.0:
-            return _Step(0.0, 0.0, 0.0)
+            return 0.0, 0.0, 0.0
         common = np.linspace(0.0, min(phase[-1], last_phase[-1]), _POINTS)
         y, new_y = _at(common, last_phase, last_path), _at(common, phase, path)
         change_rad = inverse(new_y) - inverse(y)
         # The old command lacks change_rad for the new motion; what that takes away is acceleration.
-        plant = PlantSlopes.along(inverse, new_y, self._unit)
-        lacking = np.einsum("nij,nj->ni", plant.by_command, change_rad)
+        _, by_command = plant_slopes(inverse, new_y, self._unit)
+        lacking = np.einsum("nij,nj->ni", by_command, change_rad)
         response = (new_y - y) / self._unit - lacking
-        return _Step(delta_alpha, self._size(change_rad), self._size(response))
-
-    def _theorem_3_rad(self, step: _Step, k_n: float) -> float:
-        if self._previous is None:
-            return math.nan
-        last, _, _ = self._previous
-        from_old_command_rad = last.command_error_rad + step.command_rad
-        return last.k_r * from_old_command_rad + 2.0 * step.command_rad + k_n * step.motion
-
-
-def _by_phase(signals: TrialSignals, duration_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return the phase of each tick of RUN, 0 to 1 where it was completed, and y there."""
-    time_ns = signals.time_ns[signals.run]
-    return (time_ns - time_ns[0]) / (NS_PER_S * duration_s), signals.desired[signals.run]
+        return delta_alpha, self._size(change_rad), self._size(response)
 
 
 def _at(phase: FloatArray, of: FloatArray, values: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(phase, of, column) for column in values.T])
-
-
-def _share(change: FloatArray, wanted: FloatArray) -> float:
-    return _ratio(float(np.sum(change * wanted)), float(np.sum(wanted**2)))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -20,9 +20,6 @@ _STEP = 1e-3
 """Of the differences that stand for derivatives, as a share of each input's range: far below the width of
 the narrowest Gaussian that is of use, and far above rounding."""
 
-_NEARLY_ALL = 95.0
-"""Percentile that stands for the largest of many slopes."""
-
 _SINGULAR = 1e-9
 """Ratio of singular values from which a slope counts as one that cannot be inverted."""
 
@@ -33,10 +30,6 @@ def size(values: FloatArray, n_joints: int) -> float:
     For commands and angles that is the RMS that trials are scored with. For inputs of the network, which
     have three values a joint, the squares of all three are added up; so the norm of inputs and that of
     commands differ from Euclid's by the same factor, and spectral norms are Lipschitz constants between them.
-
-    Args:
-        values: shape (n, n_joints) or (n, 3 * n_joints).
-        n_joints: number of joints.
     """
     return float(np.sqrt(np.sum(values**2) / (len(values) * n_joints)))
 
@@ -44,13 +37,7 @@ def size(values: FloatArray, n_joints: int) -> float:
 def slopes(function: Function, inputs: FloatArray, unit: FloatArray) -> FloatArray:
     """Return the derivatives of a function along a trajectory, by central differences.
 
-    Args:
-        function: what to differentiate.
-        inputs: where. Shape (n, n_inputs).
-        unit: what counts as 1 in each input. Shape (n_inputs,).
-
-    Returns:
-        Change of the outputs for a unit of each input. Shape (n, n_outputs, n_inputs).
+    That is the change of the outputs for a unit of each input. Shape (n, n_outputs, n_inputs).
     """
     n, n_inputs = inputs.shape
     step = np.diag(_STEP * unit)
@@ -63,25 +50,15 @@ def steepest(matrices: FloatArray) -> float:
     """Return the Lipschitz constant that slopes along a trajectory show: 95 % of their norms lie below it.
 
     The largest one would hang on a single sample; and it would be no bound either, because nothing is known
-    between the samples. Norms are spectral norms.
-
-    Args:
-        matrices: shape (n, n_outputs, n_inputs).
-
-    Returns:
-        NaN if a slope is not finite.
+    between the samples. Norms are spectral norms; NaN if a slope is not finite.
     """
     if not np.all(np.isfinite(matrices)):
         return math.nan
-    return float(np.percentile(np.linalg.norm(matrices, 2, axis=(1, 2)), _NEARLY_ALL))
+    return float(np.percentile(np.linalg.norm(matrices, 2, axis=(1, 2)), 95.0))
 
 
 def inverses(matrices: FloatArray) -> FloatArray:
-    """Return the inverse of each matrix; NaN for all if one of them has none.
-
-    Args:
-        matrices: shape (n, m, m).
-    """
+    """Return the inverse of each matrix, shape (n, m, m); NaN for all if one of them has none."""
     singular_values = np.linalg.svd(matrices, compute_uv=False)
     if np.any(singular_values[:, -1] <= _SINGULAR * singular_values[:, 0]):
         return np.full_like(matrices, np.nan)
@@ -119,9 +96,8 @@ class FittedPlant:
     def unknown(cls, input_range: InputRange) -> Self:
         """Return the model before the first trial."""
         n_inputs = len(input_range.low)
-        return cls(
-            input_range, np.zeros((n_inputs + 1, n_inputs + 1)), np.zeros((n_inputs + 1, n_inputs // 3))
-        )
+        shape = n_inputs + 1, n_inputs + 1
+        return cls(input_range, np.zeros(shape), np.zeros((n_inputs + 1, n_inputs // 3)))
 
     def after(self, samples: TrainingSamples) -> Self:
         """Return the model that has seen one more trial; each counts twice as much as the one before it."""
@@ -146,46 +122,24 @@ class FittedPlant:
         return np.column_stack([centred, np.ones(len(inputs))])
 
 
-@dataclass(frozen=True)
-class PlantSlopes:
-    """How the plant answers, to first order: y = P(x) u, state x = (q, q̇), command u, motion y = (q, q̇, q̈).
+def plant_slopes(inverse: Function, inputs: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how the plant y = P(x) u answers along a trajectory, to first order; x = (q, q̇), y = (q, q̇, q̈).
 
-    Derived from its inverse: u = q + offset(q, q̇, q̈) is differentiated along a trajectory and solved
-    for q̈.
+    Derived from its inverse: u = q + offset(q, q̇, q̈) is differentiated and solved for q̈. NaN where some
+    acceleration does not depend on the command. Their Lipschitz constants are k_x and k_u ([Practice] A1).
 
     Args:
-        by_state: ∂y/∂x. Shape (n, 3 * n_joints, 2 * n_joints).
-        by_command: ∂y/∂u, per rad. Shape (n, 3 * n_joints, n_joints).
+        inverse: from (q, q̇, q̈) to u [rad].
+        inputs: (q, q̇, q̈). Shape (n, 3 * n_joints).
+        unit: of q, q̇, q̈. Shape (3 * n_joints,).
+
+    Returns:
+        ∂y/∂x, shape (n, 3 * n_joints, 2 * n_joints), and ∂y/∂u per rad, shape (n, 3 * n_joints, n_joints).
     """
-
-    by_state: FloatArray
-    by_command: FloatArray
-
-    @classmethod
-    def along(cls, inverse: Function, inputs: FloatArray, unit: FloatArray) -> Self:
-        """Return the slopes along a trajectory; NaN where some acceleration does not depend on the command.
-
-        Args:
-            inverse: from (q, q̇, q̈) to u [rad].
-            inputs: (q, q̇, q̈). Shape (n, 3 * n_joints).
-            unit: of q, q̇, q̈. Shape (3 * n_joints,).
-        """
-        slope = slopes(inverse, inputs, unit)
-        n, n_joints, n_inputs = slope.shape
-        n_states = n_inputs - n_joints
-        gain = inverses(slope[:, :, n_states:])
-        state = np.broadcast_to(np.eye(n_states), (n, n_states, n_states))
-        return cls(
-            by_state=np.concatenate([state, -gain @ slope[:, :, :n_states]], axis=1),
-            by_command=np.concatenate([np.zeros((n, n_states, n_joints)), gain], axis=1),
-        )
-
-    @property
-    def k_x(self) -> float:
-        """Lipschitz constant of the motion with respect to the state ([Practice] A1)."""
-        return steepest(self.by_state)
-
-    @property
-    def k_u(self) -> float:
-        """Lipschitz constant of the motion with respect to the command ([Practice] A1)."""
-        return steepest(self.by_command)
+    slope = slopes(inverse, inputs, unit)
+    n, n_joints, n_inputs = slope.shape
+    n_states = n_inputs - n_joints
+    gain = inverses(slope[:, :, n_states:])
+    state = np.broadcast_to(np.eye(n_states), (n, n_states, n_states))
+    by_state = np.concatenate([state, -gain @ slope[:, :, :n_states]], axis=1)
+    return by_state, np.concatenate([np.zeros((n, n_states, n_joints)), gain], axis=1)

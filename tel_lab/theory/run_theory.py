@@ -24,13 +24,7 @@ from tel_ros.recording.trial_bag import read_trial
 
 @dataclass(frozen=True)
 class RunTheory:
-    """What can be told of a run.
-
-    Args:
-        trials: those that were learned from, as far as bags and networks are there.
-        estimates: one for each of them.
-        missing: why there is nothing, or not everything; empty if nothing is missing.
-    """
+    """What can be told of a run: an estimate a trial that was learned from, and why some are missing."""
 
     trials: tuple[TrialRow, ...]
     estimates: tuple[TheoryEstimate, ...]
@@ -88,12 +82,7 @@ SECTION = Section("theory", "What the theorems say", theory, "theory")
 
 
 def theory_figure(trials: Sequence[TrialRow], estimates: Sequence[TheoryEstimate]) -> Figure:
-    """Return what the theorems of [Practice] speak of, over the trials that were learned from.
-
-    Args:
-        trials: of a run; at least one.
-        estimates: one a trial.
-    """
+    """Return what the theorems of [Practice] speak of, over the trials that were learned from."""
     figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
     errors, factors = figure.subplots(1, 2)
     steps = [e.step_rad if e.step_rad > 0.0 else math.nan for e in estimates]
