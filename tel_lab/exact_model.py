@@ -21,10 +21,6 @@ class ExactInverseDynamics:
 
     Inertia, gravity, payload and friction are the simulated ones. Encoder, velocity filter and delay are not
     in it, and τ is that of the middle of each control period, so its error is small but not zero.
-
-    Args:
-        config: arm.
-        sim: inertia, payload and friction.
     """
 
     trials_learned = 0
@@ -67,7 +63,11 @@ class ExactInverseDynamics:
                 flags = pybullet.URDF_USE_INERTIA_FROM_FILE
                 body = pybullet.loadURDF(str(file), useFixedBase=True, flags=flags, physicsClientId=client)
                 pybullet.setGravity(0.0, 0.0, -STANDARD_GRAVITY_M_S2, physicsClientId=client)
-                order = self._order(body, client)
+                # Which of the arm's joints PyBullet's first, second, … movable joint is.
+                n_joints = pybullet.getNumJoints(body, physicsClientId=client)
+                infos = [pybullet.getJointInfo(body, i, physicsClientId=client) for i in range(n_joints)]
+                names = [info[1].decode() for info in infos]
+                order = [self._joints.index(name) for name in names if name in self._joints]
                 torque_nm = np.zeros_like(q)
                 for k, rows in enumerate(zip(*(x[:, order].tolist() for x in (q, v, a)), strict=True)):
                     torque_nm[k, order] = pybullet.calculateInverseDynamics(
@@ -76,11 +76,3 @@ class ExactInverseDynamics:
                 return torque_nm
             finally:
                 pybullet.disconnect(client)
-
-    def _order(self, body: int, client: int) -> list[int]:
-        """Return which of the arm's joints PyBullet's first, second, … movable joint is."""
-        names = [
-            pybullet.getJointInfo(body, i, physicsClientId=client)[1].decode()
-            for i in range(pybullet.getNumJoints(body, physicsClientId=client))
-        ]
-        return [self._joints.index(name) for name in names if name in self._joints]

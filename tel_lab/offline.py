@@ -39,9 +39,7 @@ from tel_ros.core.types import FloatArray
 class OfflineArm(AbstractContextManager["OfflineArm"]):
     """A simulated arm under the control of an :class:`EpController`. Use it with ``with``.
 
-    Args:
-        config: arm, control, sim and seed are used; limits of the arm that are empty must have been filled
-            from the URDF.
+    Limits of the configured arm that are empty must have been filled from the URDF.
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
@@ -56,11 +54,7 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
         self._arm = self._new_arm(config.sim)
 
     def __exit__(self, *error: object) -> None:
-        """Close the arm."""
-        self.close()
-
-    def close(self) -> None:
-        """End the simulation. A second time does nothing."""
+        """End the simulation."""
         self._arm.close()
 
     @property
@@ -93,8 +87,27 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
             ticks.append(tick)
             arm.step(tick.command(self._config.arm.command_interface).tolist())
         assert controller.report is not None
-        springs = SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None
-        return _trial(self._config.arm.joints, controller.report, states, ticks, springs)
+
+        def column(name: str) -> FloatArray:
+            return np.array([getattr(tick, name) for tick in ticks])
+
+        return Trial(
+            report=controller.report,
+            joints=self._config.arm.joints,
+            time_ns=np.array([state.time_ns for state in states], dtype=np.int64),
+            phase=np.array([tick.phase for tick in ticks], dtype=np.int64),
+            desired=stack_inputs(
+                column("desired_position_rad"),
+                column("desired_velocity_rad_s"),
+                column("desired_acceleration_rad_s2"),
+            ),
+            equilibrium_rad=column("equilibrium_rad"),
+            position_rad=np.array([state.position_rad for state in states]),
+            velocity_rad_s=np.array([state.velocity_rad_s for state in states]),
+            effort_nm=column("effort_nm"),
+            saturated=column("saturated").astype(bool),
+            springs=SpringChange(goal.springs, Springs.of(self._config.arm)) if goal.springs else None,
+        )
 
     def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Trial]:
         """Execute a trial of a practice session."""
@@ -104,11 +117,9 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
     def replace_arm(self, sim: SimConfig) -> None:
         """Go on with another arm, as when a payload is put on between two trials.
 
-        It is at rest in the posture of the one before, and the controller still pulls to where it did. Time
-        goes on; sensor noise does not repeat itself. Commands that were on their way are dropped.
-
-        Args:
-            sim: the other arm; its initial position is not used.
+        It is at rest in the posture of the one before, whatever its initial position, and the controller
+        still pulls to where it did. Time goes on; sensor noise does not repeat itself. Commands that were on
+        their way are dropped.
 
         Raises:
             ConfigError: a value does not fit the URDF or the control rate, or the posture is beyond a hard
@@ -189,8 +200,8 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
         """How the last call of :meth:`run` ended."""
 
     def __exit__(self, *error: object) -> None:
-        """Close the arm."""
-        self.arm.close()
+        """End the simulation."""
+        self.arm.__exit__(*error)
 
     @property
     def learner(self) -> Learner:
@@ -243,32 +254,3 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
     def learner_after(self, index: int) -> Learner:
         """Return the learner as it was after a trial that was learned from; 0: as the run began."""
         return self._network.after[index]
-
-
-def _trial(
-    joints: tuple[str, ...],
-    report: TrialReport,
-    states: list[ArmState],
-    ticks: list[Tick],
-    springs: SpringChange | None,
-) -> Trial:
-    def column(name: str) -> FloatArray:
-        return np.array([getattr(tick, name) for tick in ticks])
-
-    return Trial(
-        report=report,
-        joints=joints,
-        time_ns=np.array([state.time_ns for state in states], dtype=np.int64),
-        phase=np.array([tick.phase for tick in ticks], dtype=np.int64),
-        desired=stack_inputs(
-            column("desired_position_rad"),
-            column("desired_velocity_rad_s"),
-            column("desired_acceleration_rad_s2"),
-        ),
-        equilibrium_rad=column("equilibrium_rad"),
-        position_rad=np.array([state.position_rad for state in states]),
-        velocity_rad_s=np.array([state.velocity_rad_s for state in states]),
-        effort_nm=column("effort_nm"),
-        saturated=column("saturated").astype(bool),
-        springs=springs,
-    )

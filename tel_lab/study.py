@@ -52,16 +52,10 @@ DOCS = ROOT / "docs"
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """What every study is asked for.
+    """What every study is asked for: its options, and the command for the page.
 
-    Args:
-        seeds: how many, from 1; 0 for studies in which nothing is random.
-        jobs: tasks at once.
-        quick: whether less is computed, to see that it works.
-        only: the seeds or cases to look at; empty: all of them.
-        overrides: other values for keys of the configurations, as for ``--set``.
-        out: folder of page and figures; None: print only.
-        command: what was asked for, for the page.
+    ``seeds``: how many, from 1; 0 where nothing is random. ``only``: seeds or cases; empty: all of them.
+    ``overrides``: as for ``--set``. ``out``: folder of page and figures; None: print only.
     """
 
     seeds: int = 0
@@ -123,14 +117,7 @@ class StudyOptions:
         figures: Mapping[str, Callable[[], Figure]] | None = None,
         formats: Sequence[str] = ("svg", "png"),
     ) -> None:
-        """Write a page, and its figures into ``figures/`` beside it; nothing without ``--out``.
-
-        Args:
-            page: name of the file.
-            text: Markdown.
-            figures: name of each, without its ending, and what draws it.
-            formats: of their files.
-        """
+        """Write a page, and figures (what draws them, by name) into ``figures/``; nothing without ``out``."""
         if self.out is None:
             return
         for name, draw in (figures or {}).items():
@@ -161,17 +148,14 @@ def ending_in_one_line() -> Iterator[None]:
 def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]], click.Command]:
     """Return a decorator that makes a command with the options of studies; further click options may follow.
 
-    Args:
-        seeds: the usual number; 0: the study has none.
-        sets: whether keys of the configuration can be changed.
+    ``seeds``: the usual number; 0: none. ``sets``: whether keys of the configuration can be changed.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
         @functools.wraps(function)
         def command(*, out: Path | None, quick: bool, **values: Any) -> None:
-            named = {
-                name: values.pop(name) for name in ("jobs", "only", "seeds", "overrides") if name in values
-            }
+            own = ("jobs", "only", "seeds", "overrides")
+            named = {name: values.pop(name) for name in own if name in values}
             options = StudyOptions(
                 quick=quick,
                 out=out or (None if quick or named["only"] or not DOCS.is_dir() else DOCS),
@@ -193,13 +177,13 @@ def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]
             ),
         ]
         if sets:
-            decorators.append(
-                click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key.")
+            keys = click.option(
+                "--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key."
             )
+            decorators.append(keys)
         if seeds:
-            decorators.append(
-                click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")
-            )
+            number = click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")
+            decorators.append(number)
         made: Any = command
         for add in reversed(decorators):
             made = add(made)

@@ -50,22 +50,11 @@ class Column(Generic[Row]):
 
 @dataclass(frozen=True)
 class Table(Generic[Row]):
-    """Rows below columns.
-
-    Args:
-        columns: what is shown of a row.
-        rows: in order.
-        title: for the terminal.
-    """
+    """Rows below columns; the title is for the terminal."""
 
     columns: Sequence[Column[Row]]
     rows: Sequence[Row] = field(default_factory=list)
     title: str = ""
-
-    @property
-    def headings(self) -> list[str]:
-        """The first line."""
-        return [column.heading for column in self.columns]
 
     def cells(self) -> list[list[str]]:
         """Return the texts of all rows."""
@@ -73,7 +62,8 @@ class Table(Generic[Row]):
 
     def markdown(self) -> str:
         """Return the table for a page; columns line up as text, too."""
-        lines = [[text.replace("|", r"\|") for text in line] for line in (self.headings, *self.cells())]
+        cells = [[column.heading for column in self.columns], *self.cells()]
+        lines = [[text.replace("|", r"\|") for text in line] for line in cells]
         widths = [max(3, *(len(line[j]) for line in lines)) for j in range(len(self.columns))]
         last = len(widths) - 1
 
@@ -122,13 +112,7 @@ def of_texts(headings: Sequence[str], lines: Iterable[Sequence[str]], n_words: i
 def write_figure(
     draw: Callable[[], Figure], path: Path, formats: Sequence[str] = ("svg", "png")
 ) -> list[Path]:
-    """Draw a figure in the common style and write it in some formats; return the files.
-
-    Args:
-        draw: makes it.
-        path: of the files, without their endings.
-        formats: svg, png or pdf.
-    """
+    """Draw a figure in the common style and write it in some formats (svg, png, pdf); return the files."""
     from tel_ros.app.plotting import figure_style, save_figure  # late: plotting takes a second to import
 
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,9 +25,6 @@ Executor = Literal["auto", "ray", "processes"]
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 
-_RAY_STORE_BYTES = 80 * 2**20
-"""Results are a few numbers: about the smallest store that Ray accepts."""
-
 
 class WorkersBrokenError(TelError):
     """The workers broke down; tasks that were finished before have given their results."""
@@ -39,12 +36,7 @@ class TaskFailedError(TelError):
 
 @dataclass(frozen=True)
 class Failure:
-    """What a task gives that raised.
-
-    Args:
-        message: of an error of this project; of any other also its type.
-        expected: whether it was an error of this project.
-    """
+    """What a task that raised gives. ``expected``: an error of this project, whose type needs no telling."""
 
     message: str
     expected: bool = False
@@ -52,12 +44,9 @@ class Failure:
 
 @dataclass(frozen=True)
 class Workforce:
-    """Who computes.
+    """Who computes: so many tasks at once on this machine (None: one a core), or a Ray cluster at an address.
 
-    Args:
-        jobs: tasks at once on this machine; None: one for each core that this process may use.
-        executor: ``auto``: Ray where it is installed, else processes.
-        address: of a Ray cluster to use instead of this machine.
+    ``auto``: Ray where it is installed, else processes.
 
     Raises:
         ConfigError: the values do not go together, or Ray is needed and not installed.
@@ -84,14 +73,12 @@ class Workforce:
         """Whether Ray computes."""
         if self.address is not None and self.executor == "processes":
             raise ConfigError("--address", self.address, "no address with --executor processes")
-        if self.executor == "processes" or (
-            self.executor == "auto" and self.address is None and not has_ray()
-        ):
+        if self.executor == "processes":
             return False
-        if not has_ray():
+        if not has_ray() and (self.executor == "ray" or self.address is not None):
             option = ("--executor", self.executor) if self.address is None else ("--address", self.address)
             raise ConfigError(*option, "Ray to be installed: pip install 'tel_ros[sweep]'")
-        return True
+        return has_ray()
 
     def __str__(self) -> str:
         if not self.with_ray:
@@ -166,9 +153,23 @@ def _end_with(watched: Connection) -> None:
 def _on_ray(
     function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]], jobs: int | None, address: str | None
 ) -> Generator[tuple[K, R | Failure], None, None]:
-    ray = _start_ray(jobs, address)
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address is None and "RAY_AUTH_MODE" not in os.environ:
+        # Ray listens on all interfaces of the machine. Nobody else knows this token.
+        os.environ["RAY_AUTH_MODE"] = "token"
+        os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)
+    import ray  # late: it is optional, and takes a second
+
+    # Results are a few numbers: about the smallest store that Ray accepts.
+    own = {"num_cpus": jobs, "include_dashboard": False, "object_store_memory": 80 * 2**20}
+    given: dict[str, Any] = {} if address else own
+    try:
+        ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **given)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        where = f"at {address}" if address else "on this machine"
+        raise WorkersBrokenError(f"no Ray {where}: {' '.join(str(error).split())}") from None
     # A worker that dies takes its task with it: that is tried elsewhere once.
-    remote = ray.remote(num_cpus=1, max_retries=1)(_call).remote
+    remote: Any = ray.remote(num_cpus=1, max_retries=1)(_call).remote
     waiting: dict[Any, K] = {}
     try:
         waiting.update((remote(function, arguments), key) for key, arguments in tasks.items())
@@ -189,21 +190,3 @@ def _on_ray(
             for reference in waiting:
                 ray.cancel(reference, force=True)
         ray.shutdown()
-
-
-def _start_ray(jobs: int | None, address: str | None) -> Any:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if address is None and "RAY_AUTH_MODE" not in os.environ:
-        # Ray listens on all interfaces of the machine. Nobody else knows this token.
-        os.environ["RAY_AUTH_MODE"] = "token"
-        os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)
-    import ray  # late: it is optional, and takes a second
-
-    own = {"num_cpus": jobs, "include_dashboard": False, "object_store_memory": _RAY_STORE_BYTES}
-    given: dict[str, Any] = {} if address else own
-    try:
-        ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **given)
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        where = f"at {address}" if address else "on this machine"
-        raise WorkersBrokenError(f"no Ray {where}: {' '.join(str(error).split())}") from None
-    return ray

@@ -22,12 +22,8 @@ falling, got up to 5.6 J back with 9.4 J of kinetic energy at most."""
 class Body:
     """Springs, inertia and weight of an arm.
 
-    Args:
-        stiffness_nm_per_rad: K. Shape (n_joints,).
-        torque_nm: what makes the arm at rest in some postures accelerate so, from positions and accelerations
-            of shape (n, n_joints), which is also its shape.
-        soft_min_rad: lower soft joint limits. Shape (n_joints,).
-        soft_max_rad: upper ones, likewise.
+    ``torque_nm``: what makes the arm at rest in some postures accelerate so, from positions and accelerations
+    of shape (n, n_joints), which is also its shape. The others: shape (n_joints,).
     """
 
     stiffness_nm_per_rad: FloatArray
@@ -42,10 +38,8 @@ class Body:
         model = ExactInverseDynamics(config, config.sim)
 
         def torque_nm(position_rad: FloatArray, acceleration_rad_s2: FloatArray) -> FloatArray:
-            rest = np.zeros_like(position_rad)
-            torque: FloatArray = stiffness * model.predict(
-                np.hstack([position_rad, rest, acceleration_rad_s2])
-            )
+            inputs = np.hstack([position_rad, np.zeros_like(position_rad), acceleration_rad_s2])
+            torque: FloatArray = stiffness * model.predict(inputs)
             return torque
 
         return cls(stiffness, torque_nm, *soft_range(config.arm, config.safety))
@@ -65,19 +59,12 @@ class Body:
 
         A joint of weight g goes down by twice what its spring K sags by, 2 g / K, until it turns round. Its
         weight has done 2 g² / K until then; on the way back up the springs do that work.
-
-        Args:
-            position_rad: where the springs are latched. Shape (n_joints,).
         """
         weight_nm = self.weight_nm(position_rad[None])[0]
         return float(np.sum(2.0 * weight_nm**2 / self.stiffness_nm_per_rad))
 
     def led_back_j(self, position_rad: FloatArray) -> float:
-        """Return the work that lifts joints which have fallen beyond their soft limits back to these.
-
-        Args:
-            position_rad: where the joints are caught. Shape (n_joints,).
-        """
+        """Return the work that lifts joints caught beyond their soft limits back to these."""
         inside_rad = np.clip(position_rad, self.soft_min_rad, self.soft_max_rad)
         weight_nm = self.weight_nm(position_rad[None])[0]
         return float(np.sum(np.abs(weight_nm * (position_rad - inside_rad))))
@@ -87,10 +74,6 @@ class Body:
 
         All of the energy may go into any one joint. Its spring takes up ½ K x², its weight adds |g| x:
         x = (|g| + √(g² + 2 K E)) / K. With no energy that is twice what the spring sags by.
-
-        Args:
-            position_rad: where the springs are latched. Shape (n_joints,).
-            energy_j: of the arm there.
         """
         k, g = self.stiffness_nm_per_rad, np.abs(self.weight_nm(position_rad[None])[0])
         reach: FloatArray = (g + np.sqrt(g**2 + 2.0 * k * energy_j)) / k

@@ -32,12 +32,8 @@ def run_batch(
 ) -> list[Row]:
     """Inject some faults of one kind of graph; a new graph comes up whenever a run has ended.
 
-    Args:
-        faults: in the order of their injection.
-        folder: for the graphs' files; must not exist.
-        domains: ROS domains, one for each graph.
-        keep: whether the files of graphs without a violation are kept.
-        results: file of JSON lines that each row is appended to at once.
+    Each row is appended to the results (JSON lines) at once. The folder for the graphs' files must not exist;
+    those of graphs without a violation go unless they are to be kept.
     """
     waiting, rows, earlier = list(faults), [], defaultdict(list)
     for n_graphs in itertools.count():

@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import psutil
@@ -35,12 +35,7 @@ class DiskUnavailableError(Exception):
 class FaultGraph:
     """``tel practice`` in a process of its own, with its nodes; use it with ``with``.
 
-    Args:
-        setup: which arm and clock.
-        folder: for everything that is written; must not exist.
-        domain: ROS domain.
-        trials: how many the run plans.
-        small_disk: whether the run's folder lies on a small disk of its own.
+    The folder, for everything that is written, must not exist.
 
     Raises:
         DiskUnavailableError: there is to be a small disk, and it cannot be mounted.
@@ -137,7 +132,13 @@ class FaultGraph:
         """Stop a process for a while."""
         process = self._nodes[name]
         process.send_signal(signal.SIGSTOP)
-        self._later(pause_s, lambda: process.send_signal(signal.SIGCONT))
+
+        def go_on() -> None:
+            with suppress(psutil.NoSuchProcess):
+                process.send_signal(signal.SIGCONT)
+
+        self._timers.append(threading.Timer(pause_s, go_on))
+        self._timers[-1].start()
 
     def send(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a process."""
@@ -145,16 +146,17 @@ class FaultGraph:
 
     def fill_disk(self) -> None:
         """Begin to leave no free block on the run's disk."""
-        threading.Thread(target=self._fill_disk).start()
 
-    def _fill_disk(self) -> None:
-        # Without a buffer: what is left in it could not be written when the file is closed.
-        with tempfile.NamedTemporaryFile(dir=self._disk, delete=False, buffering=0) as file:
-            try:
+        def fill() -> None:
+            # Without a buffer: what is left in it could not be written when the file is closed.
+            with (
+                tempfile.NamedTemporaryFile(dir=self._disk, delete=False, buffering=0) as file,
+                suppress(OSError),
+            ):
                 while True:
                     file.write(bytes(1 << 16))
-            except OSError:
-                return
+
+        threading.Thread(target=fill).start()
 
     def limit_files(self, name: str) -> None:
         """Forbid a process to let any file grow."""
@@ -192,16 +194,6 @@ class FaultGraph:
         """Return what a node has logged."""
         file = self.run / LOG_FOLDER / f"{name}.log"
         return file.read_text(errors="replace") if file.exists() else ""
-
-    def _later(self, delay_s: float, act: Callable[[], None]) -> None:
-        def act_if_there() -> None:
-            try:
-                act()
-            except psutil.NoSuchProcess:
-                return
-
-        self._timers.append(threading.Timer(delay_s, act_if_there))
-        self._timers[-1].start()
 
 
 def _node_of(command: list[str]) -> str | None:

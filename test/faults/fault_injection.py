@@ -68,11 +68,7 @@ class Row:
 
 
 class Injection:
-    """Injects faults into one running graph.
-
-    Args:
-        graph: that runs.
-    """
+    """Injects faults into one running graph."""
 
     def __init__(self, graph: FaultGraph) -> None:
         self._graph, self._tap = graph, graph.tap
@@ -226,14 +222,15 @@ class Injection:
         return float(np.diff(heard).max()) if len(heard) > 1 else 0.0
 
     def _check_message(self, kind: Kind, row: Row, said: str, completed: bool) -> None:
-        if kind.ends_run:
-            if row.exit_code is not None and row.exit_code not in kind.codes:
-                row.violations.append(f"exit code {row.exit_code}; expected {kind.codes}")
-            if not re.search(kind.says, said):
-                row.violations.append("the message does not say what happened")
-        elif not completed and not re.search(kind.says, said):
+        if kind.ends_run and row.exit_code is not None and row.exit_code not in kind.codes:
+            row.violations.append(f"exit code {row.exit_code}; expected {kind.codes}")
+        if (kind.ends_run or not completed) and not re.search(kind.says, said):
             row.violations.append("the message does not say what happened")
-        elif row.exit_code is not None and not re.search(f"{kind.says}|{ANY_REASON}", said):
+        elif (
+            not kind.ends_run
+            and row.exit_code is not None
+            and not re.search(f"{kind.says}|{ANY_REASON}", said)
+        ):
             row.violations.append("the run ended and did not say why")
 
     def _check_end(self, kind: Kind, row: Row, trace: Trace) -> None:

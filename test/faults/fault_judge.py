@@ -62,12 +62,9 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class Control:
-    """What the controller said in one tick.
+    """What the controller said in one tick; trial 0: between trials.
 
-    Args:
-        arm_ns: stamp of the state that it answers, or of the arm's newest state when it was heard.
-        trial: index of the trial; 0 between trials.
-        phase: number of a :class:`Phase`.
+    ``arm_ns``: stamp of the state that it answers, or of the arm's newest state when it was heard.
     """
 
     arm_ns: int
@@ -77,14 +74,9 @@ class Control:
 
 @dataclass(frozen=True)
 class Trace:
-    """What an arm did.
+    """What an arm did, and what the controller said, in the order of its coming.
 
-    Args:
-        time_ns: stamps, growing. Shape (n,).
-        position_rad: shape (n, n_joints).
-        velocity_rad_s: shape (n, n_joints).
-        effort_nm: what acted until the stamp. Shape (n, n_joints).
-        controls: what the controller said, in the order of its coming.
+    Stamps grow, shape (n,). The others: shape (n, n_joints). Efforts are what acted until the stamp.
     """
 
     time_ns: IntArray
@@ -144,15 +136,7 @@ class Verdict:
 
 
 def largest_work_from(effort_nm: FloatArray, position_rad: FloatArray) -> FloatArray:
-    """Return, for each sample s, the most work that the motors do from any sample u >= s to any t >= u.
-
-    Args:
-        effort_nm: what acted until each sample. Shape (n, n_joints).
-        position_rad: shape (n, n_joints).
-
-    Returns:
-        J. Shape (n,), never growing.
-    """
+    """Return, for each sample s, the most work [J] that motors do from any sample u >= s to any t >= u."""
     work = np.zeros(len(position_rad))
     work[1:] = np.cumsum(np.einsum("ij,ij->i", effort_nm[1:], np.diff(position_rad, axis=0)))
     highest_later = np.maximum.accumulate(work[::-1])[::-1]
@@ -164,11 +148,8 @@ def largest_work_from(effort_nm: FloatArray, position_rad: FloatArray) -> FloatA
 def caught_up_ns(stamp_ns: IntArray, arrived_s: FloatArray, n_before: int, since_ns: int) -> int:
     """Return the stamp of the first state from a moment on that comes no later than states used to.
 
-    Args:
-        stamp_ns: of states, growing. Shape (n,).
-        arrived_s: when they came, on another clock. Shape (n,).
-        n_before: so many of them, at least one, came before anything was disturbed.
-        since_ns: the moment; returned if none is in time from then on.
+    ``arrived_s`` is on another clock. ``n_before`` of the states, at least one, came before anything was
+    disturbed. The moment itself is returned if none is in time from then on.
     """
     delay_s = arrived_s - stamp_ns / NS_PER_S
     in_time = (stamp_ns >= since_ns) & (delay_s <= np.median(delay_s[:n_before]) + DELAY_S)
@@ -189,10 +170,9 @@ def judge(trace: Trace, limits: JointLimits, episode: Episode) -> Verdict:
     }
     if since_ns is None:
         return Verdict(tuple(violations), float("nan"), "-", excursion_rad=float("nan"), **verdict)
-    until_ns = _begins_again(trace, episode, since_ns)
-    segment = window & (trace.time_ns >= since_ns) & (trace.time_ns <= until_ns)
-    again = until_ns < episode.end_ns or _begins_again_at_all(trace, episode, since_ns)
-    reaction_s, stopped, excursion_rad, found = _stop(trace, segment, since_ns, episode, again)
+    begins = [c.arm_ns for c in trace.controls if c.trial > episode.trial and c.arm_ns >= since_ns]
+    segment = window & (trace.time_ns >= since_ns) & (trace.time_ns <= min([*begins, episode.end_ns]))
+    reaction_s, stopped, excursion_rad, found = _stop(trace, segment, since_ns, episode, bool(begins))
     return Verdict(tuple(violations + found), reaction_s, stopped, excursion_rad=excursion_rad, **verdict)
 
 
@@ -202,30 +182,15 @@ def _has_to_be_safe_since(trace: Trace, episode: Episode) -> int | None:
         return episode.fault_ns
     if episode.expects == "ride":
         return None
-    said = [
-        control.arm_ns
-        for control in trace.controls
-        if control.arm_ns >= episode.fault_ns
-        and control.trial in (0, episode.trial)
-        and control.phase == Phase.STOP
-    ]
-    if said:
-        return max(said[0], episode.fault_ns)
+    ours = [control for control in trace.controls if control.trial in (0, episode.trial)]
+    for control in ours:
+        if control.arm_ns >= episode.fault_ns and control.phase == Phase.STOP:
+            return control.arm_ns
     if episode.completed:
         return None
     # Nobody has said anything, and nobody has brought the trial to its end: since then nothing may act.
-    ticks = [control.arm_ns for control in trace.controls if control.trial == episode.trial]
+    ticks = [control.arm_ns for control in ours if control.trial]
     return max([episode.fault_ns, *ticks[-1:]])
-
-
-def _begins_again(trace: Trace, episode: Episode, since_ns: int) -> int:
-    """Return when the next trial begins to move the arm, or the end of the episode."""
-    begins = [c.arm_ns for c in trace.controls if c.trial > episode.trial and c.arm_ns >= since_ns]
-    return min([*begins, episode.end_ns])
-
-
-def _begins_again_at_all(trace: Trace, episode: Episode, since_ns: int) -> bool:
-    return any(c.trial > episode.trial and c.arm_ns >= since_ns for c in trace.controls)
 
 
 def _stop(

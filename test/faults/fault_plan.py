@@ -16,15 +16,7 @@ _END_SHARE = 0.3
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a campaign, reproducible from its fields.
-
-    Args:
-        index: in the campaign, from 1.
-        kind: name of its kind.
-        setup: name of the graph.
-        offset_s: when, in arm time, after the first tick of a trial.
-        parameters: of the kind.
-    """
+    """One fault of a campaign, reproducible from its fields; so long after the first tick of a trial."""
 
     index: int
     kind: str
@@ -36,13 +28,8 @@ class Fault:
 def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = ()) -> list[Fault]:
     """Draw a campaign: the same faults for the same arguments.
 
-    Every kind comes first once, as far as ``n`` goes; then they are drawn by weight.
-
-    Args:
-        n: number of faults.
-        seed: of everything that is drawn.
-        kinds: only these; all if empty.
-        setups: only these graphs; all if empty.
+    Every kind (of these, if any are named) comes first once, as far as ``n`` goes; then they are drawn by
+    weight.
     """
     rng = np.random.default_rng(seed)
     graphs = tuple(setups) or tuple(SETUPS)
@@ -66,12 +53,7 @@ def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = (
 
 
 def batches(faults: Sequence[Fault], longest: int = 10) -> list[list[Fault]]:
-    """Share faults out among graphs: some that a run survives, then one that ends it.
-
-    Args:
-        faults: to share out.
-        longest: most faults of one graph.
-    """
+    """Share faults out among graphs: some that a run survives, then one that ends it."""
     shared: list[list[Fault]] = []
     for setup in dict.fromkeys(fault.setup for fault in faults):
         ours = [fault for fault in faults if fault.setup == setup]

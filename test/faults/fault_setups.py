@@ -69,14 +69,16 @@ class Setup:
     def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
         """Return the configuration of a run, and the settings that make it of the file.
 
-        Args:
-            folder: gets the waypoints.
-            trials: planned ones.
+        Its path, in waypoints in the folder, is a closed swing; neighbouring joints go to opposite sides.
         """
         plain = load_config(self.config_file)
-        start_rad = NAMED_PATHS[plain.path.name].evaluate(np.zeros(1))[0][0]
+        start_rad, joints = NAMED_PATHS[plain.path.name].evaluate(np.zeros(1))[0][0], plain.arm.joints
+        side = np.where(np.arange(len(joints)) % 2, -1.0, 1.0)
+        s = np.linspace(0.0, 1.0, 17)
+        rows = start_rad + SWING_RAD * 0.5 * (1.0 - np.cos(2.0 * np.pi * s))[:, None] * side
+        rows[-1] = rows[0]  # to the last digit: then the path is closed
         waypoints = folder / "swing.csv"
-        waypoints.write_text(swing_csv(plain.arm.joints, start_rad), encoding="utf-8")
+        np.savetxt(waypoints, rows, "%.6f", ",", header=",".join(joints), comments="", encoding="utf-8")
         settings = [
             *SHORT_TRIALS,
             f"practice.trials={trials}",
@@ -88,15 +90,6 @@ class Setup:
             f"control.realtime_priority={PRIORITY if self.in_between else 0}",
         ]
         return load_config(self.config_file, settings), settings
-
-
-def swing_csv(joints: tuple[str, ...], start_rad: np.ndarray) -> str:
-    """Return waypoints of a closed swing; neighbouring joints go to opposite sides."""
-    s = np.linspace(0.0, 1.0, 17)
-    side = np.where(np.arange(len(joints)) % 2, -1.0, 1.0)
-    rows = start_rad + SWING_RAD * 0.5 * (1.0 - np.cos(2.0 * np.pi * s))[:, None] * side
-    rows[-1] = rows[0]  # to the last digit: then the path is closed
-    return "\n".join([",".join(joints), *(",".join(f"{q:.6f}" for q in row) for row in rows)]) + "\n"
 
 
 SETUPS = {

@@ -60,12 +60,7 @@ class Heard:
 
 
 class Tap(Node):
-    """Hears states, commands and control states; where it stands in between, it passes them on.
-
-    Args:
-        context: of its domain.
-        in_between: whether it passes on; otherwise it only listens.
-    """
+    """Hears states, commands and control states; where it stands in between, it passes them on."""
 
     def __init__(self, context: Context, in_between: bool) -> None:
         super().__init__("observer", context=context)
@@ -99,15 +94,9 @@ class Tap(Node):
         ]
 
     def when(self, trial: int, offset_s: float, act: Callable[[int], None]) -> threading.Event:
-        """Act once, a time after the first tick of a trial.
+        """Act once, in this node's thread, a time of the arm after the first tick of that or a later trial.
 
-        Args:
-            trial: index of the first trial that will do.
-            offset_s: arm time after its first tick.
-            act: called in the thread that spins this node, with the index of the trial.
-
-        Returns:
-            Set when it has been done.
+        The event is set when it has been done.
         """
         done = threading.Event()
 
@@ -239,20 +228,11 @@ class Tap(Node):
 
 @contextmanager
 def spun_tap(domain: int, in_between: bool, priority: int = 0) -> Iterator[Tap]:
-    """Spin a tap in a thread of its own.
-
-    Args:
-        domain: ROS domain.
-        in_between: see :class:`Tap`.
-        priority: SCHED_FIFO priority, where it is permitted, of whatever passes messages on; 0: none.
-    """
+    """Spin a tap in a thread of its own, with a SCHED_FIFO priority where it is permitted; 0: none."""
     context = Context()
     context.init(domain_id=domain)
-    tap, executor, ended = (
-        Tap(context, in_between),
-        SingleThreadedExecutor(context=context),
-        threading.Event(),
-    )
+    tap, ended = Tap(context, in_between), threading.Event()
+    executor = SingleThreadedExecutor(context=context)
     executor.add_node(tap)
 
     def spin() -> None:
