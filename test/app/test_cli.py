@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from tel_ros.app import practice_command
 from tel_ros.app.cli import main
+from tel_ros.app.command_group import CommandGroup
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
+from tel_ros.core.errors import TelError, TrainingError
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
 
@@ -101,6 +105,23 @@ def test_a_folder_that_exists_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert (code, out) == (2, "")
     assert f"{tmp_path / 'run'}: exists already; expected a folder that is new (option --out)" in err
     assert (tmp_path / "run" / "precious").read_text() == "data"
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (TrainingError("too few samples"), EXIT_BAD_INPUT),
+        (GraphError("no joint states"), EXIT_GRAPH_FAILED),
+        (GraphError("a node refused its value", EXIT_BAD_INPUT), EXIT_BAD_INPUT),
+    ],
+)
+def test_the_exit_code_tells_wrong_input_from_a_graph_that_failed(error: TelError, code: int) -> None:
+    def fail() -> None:
+        raise error
+
+    group = CommandGroup("tel", commands={"fail": click.Command("fail", callback=fail)})
+    result = CliRunner().invoke(group, ["fail"])
+    assert (result.exit_code, result.stderr) == (code, f"tel: {error}\n")
 
 
 def test_help_names_the_commands_and_the_exit_codes() -> None:
