@@ -14,11 +14,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from tel_ros.nodes import qos
 from tel_ros.recording import topics
 
 PERIOD_S = 1.0
-_LOOK_PERIOD_S = 0.1
-_DEPTH = 10
 
 
 class Level(Enum):
@@ -39,11 +38,11 @@ class Health:
 
 
 class Diagnostics:
-    """Publishes a node's health.
+    """Publishes a node's health under the name ``node: task``, with the namespace in front.
 
     Args:
-        node: the node; the status is called ``node: task``, with the namespace in front.
-        task: what the node is for.
+        node: the node.
+        task: what it is for.
         hardware: which arm; a robot monitor groups by it.
         health: asked ten times a second; a change of level or message is published at once.
         group: of the timer.
@@ -59,10 +58,10 @@ class Diagnostics:
     ) -> None:
         self._node, self._health, self._hardware = node, health, hardware
         self._name = f"{node.get_fully_qualified_name().removeprefix('/')}: {task}"
-        self._pub = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, _DEPTH)
+        self._pub = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.EVENTS)
         self._said: tuple[Level, str] | None = None
         self._next_at = 0.0
-        node.create_timer(_LOOK_PERIOD_S, self._look, callback_group=group)
+        node.create_timer(0.1, self._look, callback_group=group)
 
     def _look(self) -> None:
         health, now = self._health(), time.monotonic()
@@ -75,25 +74,20 @@ class Diagnostics:
 
     def _publish(self, health: Health, now: float) -> None:
         self._said, self._next_at = (health.level, health.message), now + PERIOD_S
-        array = DiagnosticArray()
+        status = DiagnosticStatus(
+            level=health.level.value,
+            name=self._name,
+            message=health.message,
+            hardware_id=self._hardware,
+            values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
+        )
+        array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
-        array.status = [
-            DiagnosticStatus(
-                level=health.level.value,
-                name=self._name,
-                message=health.message,
-                hardware_id=self._hardware,
-                values=[KeyValue(key=key, value=str(value)) for key, value in health.values.items()],
-            )
-        ]
         self._pub.publish(array)
 
 
 class RateMeter:
-    """Counts what arrives and says how often a second, from one question to the next a second or more later.
-
-    Counting is all that happens where it is busy.
-    """
+    """Counts what arrives, and says how often a second; counting is all that happens where it is busy."""
 
     def __init__(self) -> None:
         self.count = 0

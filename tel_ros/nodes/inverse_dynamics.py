@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,92 +37,96 @@ class InverseDynamicsNode(Node):
         self._doing, self._trouble, self._learned = "", "", "nothing yet"
         self._revision = revision(self._network)
         self._diagnostics = Diagnostics(self, "network", self._config.arm.name, self._health)
-        self.create_service(PredictEquilibrium, topics.private(topics.PREDICT), self._predict)
-        self.create_service(TrainOnTrials, topics.private(topics.TRAIN), self._train)
-        self.create_service(SaveNetwork, topics.private(topics.SAVE), self._save)
-        self.create_service(LoadNetwork, topics.private(topics.LOAD), self._load)
+        for kind, topic, serve in (
+            (PredictEquilibrium, topics.PREDICT, self._predict),
+            (TrainOnTrials, topics.TRAIN, self._train),
+            (SaveNetwork, topics.SAVE, self._save),
+            (LoadNetwork, topics.LOAD, self._load),
+        ):
+            self.create_service(kind, topics.private(topic), partial(self._answer, serve))
 
-    def _predict(
-        self, request: PredictEquilibrium.Request, response: PredictEquilibrium.Response
-    ) -> PredictEquilibrium.Response:
+    def _answer(self, serve: Callable[[Any, Any], None], request: Any, response: Any) -> Any:
         try:
-            desired = to_desired(request.desired, self._joints)
+            serve(request, response)
+            response.success = True
         except TelError as error:
-            return self._refuse(response, error)
+            self._trouble = response.message = str(error)
+            self.get_logger().error(self._trouble)
+        return response
+
+    def _predict(self, request: PredictEquilibrium.Request, response: PredictEquilibrium.Response) -> None:
+        desired = to_desired(request.desired, self._joints)
         prediction = predicted(self._network, desired, self._config.control.rate_hz)
         response.equilibrium = to_trajectory_message(
             self._joints, desired.time_ns, positions=prediction.equilibrium_rad
         )
         response.std_rad = to_array(prediction.std_rad)
-        response.revision = self._revision
-        response.success, self._trouble = True, ""
-        return response
+        response.revision, self._trouble = self._revision, ""
 
-    def _train(
-        self, request: TrainOnTrials.Request, response: TrainOnTrials.Response
-    ) -> TrainOnTrials.Response:
-        self._say(f"learns from {len(request.bags)} bags")
+    def _train(self, request: TrainOnTrials.Request, response: TrainOnTrials.Response) -> None:
+        # Told before the time that this takes: nothing else gets a turn meanwhile.
+        self._doing = f"learns from {len(request.bags)} bags"
+        self._diagnostics.publish()
         try:
-            mode = request.training or self._config.learning.training
-            if mode not in ("actual", "desired"):
-                raise TrainingError(f"training is {mode!r}; expected 'actual' or 'desired'")
-            if not request.bags:
-                raise TrainingError("bags is empty; expected at least one bag to learn from")
-            bags = [(Path(bag), read_metadata(Path(bag))) for bag in request.bags]
-            require_same_arm(bags, self._config.arm)
-            network, outcomes = self._network, []
-            for bag in request.bags:
-                trial = read_trial(Path(bag))
-                if trial.joints != self._joints:
-                    raise _other_joints(bag, trial.joints, self._joints)
-                samples = configured_samples(learning_record(trial), self._config.learning)
-                network, outcome = network.trained_on(samples, mode)
-                outcomes.append(outcome)
-                response.samples += len(samples.offset_rad)
-        except TelError as error:
-            return self._refuse(response, error)
+            network, outcomes = self._trained(request, response)
         finally:
             self._doing = ""
         self._take_up(network)
-        _fill(response, outcomes)
+
+        def rms(name: str) -> float:
+            return float(np.sqrt(np.mean(np.square([getattr(outcome, name) for outcome in outcomes]))))
+
+        response.training_rms_before_rad = rms("rms_before_rad")
+        response.training_rms_after_rad = rms("rms_after_rad")
+        response.rms_command_change_rad = rms("rms_command_change_rad")
+        response.grown = [text for outcome in outcomes for text in outcome.grown]
         response.subtrees = list(network.subtrees)
         response.revision = self._revision
-        response.success = True
         self._learned = (
             f"{response.samples} samples: error {response.training_rms_before_rad:.4f} → "
             f"{response.training_rms_after_rad:.4f} rad"
         )
         self.get_logger().info(f"learned from {self._learned}")
-        return response
 
-    def _save(self, request: SaveNetwork.Request, response: SaveNetwork.Response) -> SaveNetwork.Response:
-        try:
-            save_network(self._network, Path(request.path))
-        except TelError as error:
-            return self._refuse(response, error)
-        response.revision, response.success = revision(self._network), True
-        return response
+    def _trained(
+        self, request: TrainOnTrials.Request, response: TrainOnTrials.Response
+    ) -> tuple[Learner, list[TrainingOutcome]]:
+        mode = request.training or self._config.learning.training
+        if mode not in ("actual", "desired"):
+            raise TrainingError(f"training is {mode!r}; expected 'actual' or 'desired'")
+        if not request.bags:
+            raise TrainingError("bags is empty; expected at least one bag to learn from")
+        bags = [(Path(bag), read_metadata(Path(bag))) for bag in request.bags]
+        require_same_arm(bags, self._config.arm)
+        network, outcomes = self._network, []
+        for bag in request.bags:
+            trial = read_trial(Path(bag))
+            self._require_own_joints(bag, trial.joints)
+            samples = configured_samples(learning_record(trial), self._config.learning)
+            network, outcome = network.trained_on(samples, mode)
+            outcomes.append(outcome)
+            response.samples += len(samples.offset_rad)
+        return network, outcomes
 
-    def _load(self, request: LoadNetwork.Request, response: LoadNetwork.Response) -> LoadNetwork.Response:
-        try:
-            network = load_network(Path(request.path))
-            if network.context.joints != self._joints:
-                raise _other_joints(request.path, network.context.joints, self._joints)
-            if network.context.predicts == "torque":
-                raise TrainingError(f"{request.path}: expected {PREDICTS_TORQUE}")
-        except TelError as error:
-            return self._refuse(response, error)
+    def _save(self, request: SaveNetwork.Request, response: SaveNetwork.Response) -> None:
+        save_network(self._network, Path(request.path))
+        response.revision = self._revision
+
+    def _load(self, request: LoadNetwork.Request, response: LoadNetwork.Response) -> None:
+        network = load_network(Path(request.path))
+        self._require_own_joints(request.path, network.context.joints)
+        if network.context.predicts == "torque":
+            raise TrainingError(f"{request.path}: expected {PREDICTS_TORQUE}")
         self._take_up(network)
-        response.revision, response.success = self._revision, True
-        return response
+        response.revision = self._revision
 
     def _take_up(self, network: Learner) -> None:
         self._network, self._revision, self._trouble = network, revision(network), ""
 
-    def _say(self, doing: str) -> None:
-        """Tell the world before the time that this takes: nothing else gets a turn meanwhile."""
-        self._doing = doing
-        self._diagnostics.publish()
+    def _require_own_joints(self, source: str, joints: Sequence[str]) -> None:
+        if joints != self._joints:
+            expected = ", ".join(self._joints)
+            raise TrainingError(f"{source} is for the joints {', '.join(joints)}; expected {expected}")
 
     def _health(self) -> Health:
         values = {"revision": self._revision, "last_training": self._learned}
@@ -129,31 +134,8 @@ class InverseDynamicsNode(Node):
             return Health(Level.WARN, f"refused: {self._trouble}", values)
         return Health(Level.OK, self._doing or "ready", values)
 
-    def _refuse(self, response: Any, error: TelError) -> Any:  # any of the four responses
-        self.get_logger().error(str(error))
-        self._trouble = str(error)
-        response.success, response.message = False, str(error)
-        return response
 
-
-def _other_joints(source: str, found: Sequence[str], expected: Sequence[str]) -> TrainingError:
-    return TrainingError(f"{source} is for the joints {', '.join(found)}; expected {', '.join(expected)}")
-
-
-def _fill(response: TrainOnTrials.Response, outcomes: Sequence[TrainingOutcome]) -> None:
-    def rms(values: Sequence[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(values))))
-
-    response.training_rms_before_rad = rms([outcome.rms_before_rad for outcome in outcomes])
-    response.training_rms_after_rad = rms([outcome.rms_after_rad for outcome in outcomes])
-    response.rms_command_change_rad = rms([outcome.rms_command_change_rad for outcome in outcomes])
-    response.grown = [text for outcome in outcomes for text in outcome.grown]
-
-
-def main() -> None:
-    """Run the node."""
-    run_node(InverseDynamicsNode)
-
+main = partial(run_node, InverseDynamicsNode)
 
 if __name__ == "__main__":
     main()

@@ -1,8 +1,7 @@
 """Managed nodes: a base that says why it refuses a transition, and the client that brings one up.
 
-The states and transitions are those of ROS 2's managed nodes
-(https://design.ros2.org/articles/node_lifecycle.html). What is added here: a transition is refused with a
-reason, an error in a transition is logged, and a request for a transition that does not exist in the present
+To ROS 2's managed nodes (https://design.ros2.org/articles/node_lifecycle.html) this adds: a transition is
+refused with a reason, an error in one is logged, and a request for one that does not exist in the present
 state is answered. In rclpy 7.1 it would end the process, which may be holding an arm.
 """
 
@@ -23,10 +22,6 @@ from rclpy.node import Node
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, SilenceError, ask
 
-SUCCESS = TransitionCallbackReturn.SUCCESS
-FAILURE = TransitionCallbackReturn.FAILURE
-ERROR = TransitionCallbackReturn.ERROR
-
 
 class TransitionRefusedError(TelError):
     """A managed node does not do a transition now; it stays in the state that it is in."""
@@ -39,16 +34,15 @@ def _transition(hook: str) -> Any:
 class ManagedNode(LifecycleNode):
     """A managed node whose hooks raise :class:`TransitionRefusedError` to refuse a transition.
 
-    A shutdown cannot be refused. After an error that nobody expected, :meth:`give_up` is called and the node
-    is unconfigured.
+    A shutdown cannot be refused. After an unexpected error :meth:`give_up` is called, and the node is
+    unconfigured.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.refusal = ""
         """Why the last transition that was asked for was refused; empty after one that was not."""
-        service = self._service_change_state
-        change_state = service.callback
+        change_state = self._service_change_state.callback
 
         def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
             try:
@@ -59,7 +53,7 @@ class ManagedNode(LifecycleNode):
                 response.success = False
                 return response
 
-        service.callback = answer
+        self._service_change_state.callback = answer
 
     @property
     def lifecycle_state(self) -> str:
@@ -96,13 +90,13 @@ class ManagedNode(LifecycleNode):
             hook()
         except TransitionRefusedError as refusal:
             self._refuse(f"{hook.__name__} is refused: {refusal}")
-            return FAILURE
+            return TransitionCallbackReturn.FAILURE
         except Exception:  # rclpy would swallow it without a word
             self.get_logger().error(f"{hook.__name__} failed:\n{traceback.format_exc()}")
-            return ERROR
+            return TransitionCallbackReturn.ERROR
         self.refusal = ""
         self.get_logger().info(f"{hook.__name__}: done")
-        return SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
     def _refuse(self, why: str) -> None:
         self.refusal = why
@@ -110,25 +104,15 @@ class ManagedNode(LifecycleNode):
 
 
 class LifecycleClient:
-    """Asks a managed node for its state, and for transitions.
-
-    Args:
-        node: whose client it is; some other thread has to spin it.
-        managed: name of the managed node.
-        group: for the clients.
-    """
+    """Asks a managed node for its state, and for transitions; another thread spins the asking node."""
 
     def __init__(self, node: Node, managed: str, group: CallbackGroup) -> None:
         self._managed = managed
         self._get = node.create_client(GetState, f"{managed}/get_state", callback_group=group)
         self._change = node.create_client(ChangeState, f"{managed}/change_state", callback_group=group)
 
-    def bring_up(self, timeout_s: float, poll: Callable[[], None] = lambda: None) -> None:
-        """Configure and activate the node, as far as it is not.
-
-        Args:
-            timeout_s: for each answer (wall clock).
-            poll: called ten times a second meanwhile; may raise to end the waiting.
+    def bring_up(self, timeout_s: float, poll: Callable[[], None]) -> None:
+        """Configure and activate the node, as far as it is not; time-out and ``poll`` as for :func:`ask`.
 
         Raises:
             NoAnswerError: the node does not answer.

@@ -69,13 +69,8 @@ class PracticeManagerNode(Node):
         self._path = load_path(self._config.path, self._config.arm)
         self._known_path = load_known_path(self._config.path, self._config.arm)
         group = ReentrantCallbackGroup()
-        self._ports = PracticePorts(
-            self,
-            group,
-            self._config,
-            partial(self._wait_for_arm, self._config.run.arm_timeout_s),
-            self._give_up_in_time,
-        )
+        wait_for_arm = partial(self._wait_for_arm, self._config.run.arm_timeout_s)
+        self._ports = PracticePorts(self, group, self._config, wait_for_arm, self._give_up_in_time)
         self._controller = LifecycleClient(self, topics.EP_CONTROLLER, group)
         about = ParameterDescriptor(description="whether a run ends with its report", read_only=True)
         self._makes_report = bool(self.declare_parameter("report", True, about).value)
@@ -189,8 +184,11 @@ class PracticeManagerNode(Node):
             )
         summary = RunSummary(folder, written)
         summary.rows = list(rows)
-        progress, cancelled = Progress(goal_handle), partial(self._cancelled, goal_handle)
-        self._ports.run = RunContext(folder, written, progress.stage, progress.moving, cancelled)
+
+        def cancelled() -> bool:
+            return self._stopping or goal_handle.is_cancel_requested
+
+        self._ports.run = RunContext(folder, written, Progress(goal_handle), cancelled)
         # A stop ends the run in which it comes, even if it has been reset by the time that the trial is over.
         self._stop_seen = self._stop_latched
         try:
@@ -201,7 +199,7 @@ class PracticeManagerNode(Node):
                 self._ports.load(network_after)
             else:
                 self._ports.save(0)
-            ending = self._trials(goal_handle, session, summary, progress, result)
+            ending = self._trials(session, summary, result)
             summary.end(ending.outcome, ending.message)
         except TelError as error:
             if self._stop_seen:
@@ -210,19 +208,13 @@ class PracticeManagerNode(Node):
                 summary.end("cancelled" if cancelled() else "failed", str(error))
         return summary
 
-    def _trials(
-        self,
-        goal_handle: ServerGoalHandle,
-        session: PracticeSession[Path],
-        summary: RunSummary,
-        progress: Progress,
-        result: Practice.Result,
-    ) -> Ending:
+    def _trials(self, session: PracticeSession[Path], summary: RunSummary, result: Practice.Result) -> Ending:
         """Run trial after trial until the strategy, a person or a cancellation ends it."""
-        while not self._cancelled(goal_handle):
+        progress, cancelled = self._ports.run.progress, self._ports.run.cancelled
+        while not cancelled():
             if self._pause.asked and not self._stop_seen:
                 progress.paused()
-                self._pause.wait(lambda: self._cancelled(goal_handle) or self._stop_seen)
+                self._pause.wait(lambda: cancelled() or self._stop_seen)
                 continue
             if self._stop_seen:
                 # Whatever the strategy makes of a trial that was aborted: a person has said stop.
@@ -247,14 +239,14 @@ class PracticeManagerNode(Node):
         """Make the report in a process of its own: drawing takes libraries that no node should load."""
         command = [sys.executable, "-m", "tel_ros.app.cli", "report", folder]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=REPORT_TIMEOUT_S)
-            good, said = done.returncode == 0, (done.stdout if done.returncode == 0 else done.stderr).strip()
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=REPORT_TIMEOUT_S, check=True
+            )
+            self.get_logger().info(f"report: {done.stdout.strip()}")
+        except subprocess.CalledProcessError as error:
+            self.get_logger().warning(f"no report: {error.stderr.strip()}")
         except subprocess.TimeoutExpired:
-            good, said = False, f"not ready within {REPORT_TIMEOUT_S:g} s"
-        if good:
-            self.get_logger().info(f"report: {said}")
-        else:
-            self.get_logger().warning(f"no report: {said}")
+            self.get_logger().warning(f"no report: not ready within {REPORT_TIMEOUT_S:g} s")
 
     def _health(self) -> Health:
         """Say what the run does, and notice when nobody waits for its result any more."""
@@ -287,14 +279,8 @@ class PracticeManagerNode(Node):
         if time.monotonic() - self._stopping_since > STOPPING_TIMEOUT_S:
             raise NoAnswerError("the run was ended from outside")
 
-    def _cancelled(self, goal_handle: ServerGoalHandle) -> bool:
-        return self._stopping or goal_handle.is_cancel_requested
 
-
-def main() -> None:
-    """Run the node."""
-    run_node(PracticeManagerNode, MultiThreadedExecutor)
-
+main = partial(run_node, PracticeManagerNode, MultiThreadedExecutor)
 
 if __name__ == "__main__":
     main()

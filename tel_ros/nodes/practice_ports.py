@@ -34,7 +34,8 @@ from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import TrialReport
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, call, send_goal, wait
+from tel_ros.nodes.run_progress import Progress
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, ask, wait
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
 from tel_ros.recording.trial_bag import trial_metadata
@@ -47,20 +48,12 @@ TRAINING_TIMEOUT_S = 600.0
 
 @dataclass(frozen=True)
 class RunContext:
-    """What the ports need to know of the run under way.
-
-    Args:
-        folder: of the run.
-        written: its configuration as written there.
-        stage: called with the stage of the trial that begins.
-        moving: called with the feedback of the movement.
-        cancelled: whether the run is to end.
-    """
+    """What the ports need to know of the run under way."""
 
     folder: Path
     written: Config
-    stage: Callable[[str], None]
-    moving: Callable[[ExecuteTrial.Feedback], None]
+    """The configuration as written in the folder."""
+    progress: Progress
     cancelled: Callable[[], bool]
 
 
@@ -108,20 +101,27 @@ class PracticePorts:
             NoAnswerError: a node is not there, does not answer or fails; or the trial was refused.
         """
         plan, run = commanded.plan, self.run
-        bag, goal = trial_bag(run.folder, plan.index), self._message(commanded)
+        bag, arm = trial_bag(run.folder, plan.index), self._config.arm
+        goal = to_goal_message(
+            plan.index,
+            commanded.goal.alpha,
+            arm.joints,
+            commanded.goal.desired,
+            commanded.goal.equilibrium_rad,
+            to_array(commanded.std_rad),
+            # Said even if it is nothing new: a bag then tells what its efforts came from.
+            commanded.goal.springs or Springs.of(arm),
+        )
         metadata = trial_metadata(plan, self._config, run.written, commanded.revision)
         self._wait_for_arm()  # it may have stood still since the last trial
-        run.stage("recording")
+        run.progress.stage("recording")
         request = StartRecording.Request(
-            bag=str(bag),
-            goal=goal,
-            metadata_keys=list(metadata),
-            metadata_values=list(metadata.values()),
+            bag=str(bag), goal=goal, metadata_keys=list(metadata), metadata_values=list(metadata.values())
         )
         self._call(self._start_recording, request, ANSWER_TIMEOUT_S)
         self._goal_pub.publish(goal)
         self._wait_for_arm()  # a disturbed brake may have moved it meanwhile
-        run.stage("moving")
+        run.progress.stage("moving")
         result = self._moved(goal)
         self._call(self._stop_recording, StopRecording.Request(result=result), ANSWER_TIMEOUT_S)
         if result.outcome == TrialResult.REFUSED:
@@ -139,7 +139,7 @@ class PracticePorts:
 
     def train(self, bag: Path) -> TrainingOutcome:
         """Learn from the bag of a trial."""
-        self.run.stage("training")
+        self.run.progress.stage("training")
         try:
             answer = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
         except DeclinedError as error:
@@ -163,39 +163,33 @@ class PracticePorts:
         file = network_after(self.run.folder, index)
         self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S, again_s=AGAIN_S)
 
-    def _message(self, commanded: CommandedTrial) -> TrialGoal:
-        goal, arm = commanded.goal, self._config.arm
-        return to_goal_message(
-            goal.index,
-            goal.alpha,
-            arm.joints,
-            goal.desired,
-            goal.equilibrium_rad,
-            to_array(commanded.std_rad),
-            # Said even if it is nothing new: a bag then tells what its efforts came from.
-            goal.springs or Springs.of(arm),
-        )
-
     def _moved(self, goal: TrialGoal) -> TrialResult:
-        heard_at = time.monotonic()
-        cancelling = False
+        name, heard_at, cancelling = topics.EXECUTE_TRIAL, time.monotonic(), False
 
         def on_feedback(message: Any) -> None:  # of a type that rclpy makes
             nonlocal heard_at
             heard_at = time.monotonic()
-            self.run.moving(message.feedback)
+            self.run.progress.moving(message.feedback)
 
         def watch() -> None:
             nonlocal cancelling
             if time.monotonic() - heard_at > SILENCE_TIMEOUT_S:
-                raise NoAnswerError(f"{topics.EXECUTE_TRIAL} was silent for {SILENCE_TIMEOUT_S:.0f} s")
+                raise NoAnswerError(f"{name} was silent for {SILENCE_TIMEOUT_S:.0f} s")
             self._poll()
             if self.run.cancelled() and not cancelling:
                 cancelling = True
                 handle.cancel_goal_async()
 
-        handle = send_goal(self._execute, ExecuteTrial.Goal(goal=goal), ANSWER_TIMEOUT_S, on_feedback)
-        return wait(handle.get_result_async(), math.inf, topics.EXECUTE_TRIAL, watch).result.result
+        if not self._execute.wait_for_server(timeout_sec=ANSWER_TIMEOUT_S):
+            raise NoAnswerError(f"there is no action {name} (waited {ANSWER_TIMEOUT_S:.1f} s)")
+        sent = self._execute.send_goal_async(ExecuteTrial.Goal(goal=goal), feedback_callback=on_feedback)
+        handle = wait(sent, ANSWER_TIMEOUT_S, name)
+        if not handle.accepted:
+            raise NoAnswerError(f"{name} rejected the goal")
+        return wait(handle.get_result_async(), math.inf, name, watch).result.result
 
     def _call(self, client: Client, request: Any, timeout_s: float, again_s: float = math.inf) -> Any:
-        return call(client, request, timeout_s, self._poll, again_s)
+        response = ask(client, request, timeout_s, self._poll, again_s)
+        if not response.success:
+            raise DeclinedError(f"{client.service_name}: {response.message}")
+        return response

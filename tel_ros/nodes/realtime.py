@@ -9,8 +9,8 @@ import ctypes
 import os
 import resource
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rclpy.node import Node
 
@@ -22,24 +22,16 @@ _TASKS = Path("/proc/self/task")
 _STATUS = Path("/proc/self/status")
 
 
-@dataclass(frozen=True)
-class OptionOutcome:
-    """What became of one option.
-
-    Args:
-        applied: whether it is in force now.
-        text: what was applied; or what was refused, and how to permit it.
-    """
+class OptionOutcome(NamedTuple):
+    """What became of one option."""
 
     applied: bool
     text: str
+    """What was applied; or what was refused, and how to permit it."""
 
 
 def apply_realtime_options(node: Node, control: ControlConfig) -> None:
-    """Apply the options of a configuration to this process and log what became of them.
-
-    To be called when the node is complete: threads that exist get the priority, and later ones inherit it.
-    """
+    """Apply the options to this process, when its node is complete, and log what became of them."""
     log = node.get_logger()
     for outcome in (set_priority(control.realtime_priority), lock_memory(control.lock_memory)):
         if outcome is not None:
@@ -47,14 +39,10 @@ def apply_realtime_options(node: Node, control: ControlConfig) -> None:
 
 
 def set_priority(priority: int, but: Collection[int] = ()) -> OptionOutcome | None:
-    """Give all threads of this process a SCHED_FIFO priority; those of the middleware deliver the messages.
+    """Give all threads of this process a SCHED_FIFO priority: those of the middleware deliver the messages.
 
-    Args:
-        priority: 1 to 99; 0: nothing is asked for.
-        but: native ids of threads that stay as they are.
-
-    Returns:
-        What became of it; None if nothing was asked for.
+    Later threads inherit it. ``but`` are native ids of threads that stay as they are. None: priority 0 asks
+    for nothing.
     """
     if priority == 0:
         return None
@@ -79,13 +67,10 @@ def set_priority(priority: int, but: Collection[int] = ()) -> OptionOutcome | No
 
 
 def lock_memory(wanted: bool) -> OptionOutcome | None:
-    """Keep this process in memory: pages that it has used, or will use, are not swapped out.
+    """Keep all pages of this process, later ones too, from being swapped out; None: it is not wanted.
 
     Under a limit the call could succeed and a later request for memory fail, in the middle of a trial: then
     it is not asked for at all.
-
-    Returns:
-        What became of it; None if nothing was asked for.
     """
     if not wanted:
         return None

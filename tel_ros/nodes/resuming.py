@@ -21,10 +21,8 @@ def declare_resume(node: Node) -> Path | None:
 
     The run is that of the file in the parameter ``config``, which has to have been declared.
     """
-    about = ParameterDescriptor(
-        description="whether to go on with the run in whose folder the file of the parameter config lies",
-        read_only=True,
-    )
+    what = "whether to go on with the run in whose folder the file of the parameter config lies"
+    about = ParameterDescriptor(description=what, read_only=True)
     if not node.declare_parameter("resume", False, about).value:
         return None
     return Path(node.get_parameter("config").value).parent
@@ -34,16 +32,8 @@ def replay_control(controller: EpController, run: Path, joints: Sequence[str]) -
     """Let a new controller go through all trials of a run, so that it holds what it held after them.
 
     Nothing is sent anywhere. The controller is a function of goals and joint states: fed with the recorded
-    ones it has to decide what is recorded.
-
-    Args:
-        controller: a new one.
-        run: folder of the run.
-        joints: in the order of the controller.
-
-    Returns:
-        Whether it decided so in all trials. What else may have had a part, such as an emergency stop, is not
-        recorded; the controller must not be used then.
+    ones it has to decide what is recorded. False: it did not, since something that is not recorded, such as
+    an emergency stop, had a part; it must not be used then.
 
     Raises:
         BagError: a bag cannot be read.

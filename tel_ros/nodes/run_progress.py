@@ -19,15 +19,9 @@ from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.summary import TrialRow
 
-_LOOK_PERIOD_S = 0.1
-
 
 class Progress:
-    """Fills and publishes the feedback of a practice run.
-
-    Args:
-        goal_handle: of the run.
-    """
+    """Fills and publishes the feedback of a practice run."""
 
     def __init__(self, goal_handle: ServerGoalHandle) -> None:
         self._goal_handle = goal_handle
@@ -37,17 +31,17 @@ class Progress:
 
     def begin(self, plan: PlannedTrial, preview: Sequence[Movement]) -> None:
         """Begin a trial, with what is to come after it as far as the strategy can tell."""
-        feedback = self._feedback
-        to_come_s = plan.movement.own_duration_s + sum(movement.own_duration_s for movement in preview)
-        self._planned_s = self._done_s + to_come_s
-        feedback.trials = plan.index + len(preview)
-        feedback.reason, feedback.expected_rms_rad = plan.reason, plan.expected_rms_rad
-        feedback.trial, feedback.alpha, feedback.duration_s = (
-            plan.index,
-            plan.alpha,
-            plan.movement.own_duration_s,
+        duration_s = plan.movement.own_duration_s
+        self._planned_s = self._done_s + duration_s + sum(movement.own_duration_s for movement in preview)
+        self._feedback = Practice.Feedback(
+            trial=plan.index,
+            trials=plan.index + len(preview),
+            alpha=plan.alpha,
+            duration_s=duration_s,
+            reason=plan.reason,
+            expected_rms_rad=plan.expected_rms_rad,
+            max_error_rad=math.nan,
         )
-        feedback.max_error_rad, feedback.last, feedback.training_rms_rad = float("nan"), [], []
         self.stage("predicting")
 
     def stage(self, stage: str) -> None:
@@ -83,10 +77,6 @@ class Pause:
 
     A pause lasts until it is taken back, beyond the end of a run as well: whoever has said "not now" and
     turned away must not find the arm moving.
-
-    Args:
-        node: of the practice run.
-        group: of callbacks that are served while a run waits.
     """
 
     def __init__(self, node: Node, group: CallbackGroup) -> None:
@@ -104,7 +94,7 @@ class Pause:
 
     def wait(self, given_up: Callable[[], bool]) -> None:
         """Wait until the pause is taken back, or the run that waits is given up."""
-        while not given_up() and not self._go_on.wait(_LOOK_PERIOD_S):
+        while not given_up() and not self._go_on.wait(0.1):
             pass
 
     def _ask(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -21,41 +21,22 @@ from tel_ros.nodes.hot_loop import spin_hot
 from tel_ros.recording.shared_files import config_folder
 
 EXIT_BAD_INPUT = 2
-_SIGNAL_CHECK_S = 0.2
 _LONGEST_STOP_S = 3.0  # less than `ros2 launch` waits before it becomes rude
 _LAST_WORDS_S = 0.2  # for results that are on their way to whoever waits for them
 _SAME_REQUEST_S = 1.0
 _WISHES = ("batch_s", "pace", "turn_period_s")
 
 
-PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-"""Where Fast DDS looks for profiles."""
-
-
-def use_transport_profile() -> None:
-    """Have Fast DDS use ``config/fastdds.xml`` in this process, unless the user has named another file.
-
-    To be called before the first node is made.
-
-    Raises:
-        InputFileError: the package is not installed completely.
-    """
-    os.environ.setdefault(PROFILES_VARIABLE, str(config_folder() / "fastdds.xml"))
-
-
 def run_node(
-    make_node: Callable[[], Node],
-    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
+    make_node: Callable[[], Node], make_executor: Callable[[], Executor] = SingleThreadedExecutor
 ) -> None:
     """Run a node until SIGINT or SIGTERM; then let it stop in good order, and exit.
 
     A node may have ``busy_subscriptions``, ``batch_s`` and ``turn_period_s`` for them, and a ``pace`` (see
-    :func:`spin_hot`). A node that has something to bring to an end first has ``stop()`` and ``stopped``.
-
-    rclpy's own signal handlers would shut its context down at once, and a controller could not send its last
-    command any more. A node that has to stop is spun on until it has ``stopped``, for 3 s at most.
-    A signal that comes a second later or more ends it at once; two together are one request, as Ctrl-C under
-    ``ros2 launch`` makes them. The exit code is 2 if the node could not use what it was given.
+    :func:`spin_hot`). One with ``stop()`` and ``stopped`` is spun on until it has stopped, for 3 s at most:
+    rclpy's own signal handlers would not let a controller send its last command. A second signal ends it at
+    once; two within a second are one request, as Ctrl-C under ``ros2 launch`` makes them. The exit code is 2
+    if the node cannot use what it is given.
     """
     stopping: list[float] = []
 
@@ -67,7 +48,7 @@ def run_node(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
-    use_transport_profile()
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "fastdds.xml"))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Any = None
     try:
@@ -75,7 +56,7 @@ def run_node(
         executor: Any = make_executor()
         executor.add_node(node)
         # Python sees a signal only when it gets a turn: the timer gives it one while the node is idle.
-        node.create_timer(_SIGNAL_CHECK_S, lambda: None)
+        node.create_timer(0.2, lambda: None)
         # What exists by now stays: looking through it again and again would hold the loop up.
         gc.freeze()
         wishes = {name: getattr(node, name) for name in _WISHES if hasattr(node, name)}

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.action import ActionClient
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -64,8 +63,7 @@ def ask(
 ) -> Any:
     """Call a service, once it is there, and return its response.
 
-    That a service is there does not mean that its answers find their way yet: the first one after the start
-    of two nodes may be lost.
+    The first answer after the start of two nodes may be lost, although the service is there.
 
     Args:
         client: of the service.
@@ -93,40 +91,6 @@ def ask(
             client.remove_pending_request(future)
         left_s -= again_s
     return wait(client.call_async(request), left_s, client.service_name, poll)
-
-
-def call(
-    client: Client,
-    request: Any,
-    timeout_s: float,
-    poll: Callable[[], None] = lambda: None,
-    again_s: float = math.inf,
-) -> Any:
-    """Call a service whose response has ``success`` and ``message``; arguments as for :func:`ask`.
-
-    Raises:
-        NoAnswerError: it is not there or does not answer in time.
-        DeclinedError: it did not succeed.
-    """
-    response = ask(client, request, timeout_s, poll, again_s)
-    if not response.success:
-        raise DeclinedError(f"{client.service_name}: {response.message}")
-    return response
-
-
-def send_goal(client: ActionClient, goal: Any, timeout_s: float, on_feedback: Callable[[Any], None]) -> Any:
-    """Send an action goal and return its handle once it has been accepted.
-
-    Raises:
-        NoAnswerError: there is no such action, it does not answer in time, or it rejects the goal.
-    """
-    name = client._action_name  # rclpy gives no public access to it
-    if not client.wait_for_server(timeout_sec=timeout_s):
-        raise NoAnswerError(f"there is no action {name} (waited {timeout_s:.1f} s)")
-    handle = wait(client.send_goal_async(goal, feedback_callback=on_feedback), timeout_s, name)
-    if not handle.accepted:
-        raise NoAnswerError(f"{name} rejected the goal")
-    return handle
 
 
 def namespace_hint(node: Node, *topics: str) -> str:
