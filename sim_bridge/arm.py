@@ -1,6 +1,6 @@
 """A simulated arm that keeps the promises of a real one behind ros2_control, without ROS.
 
-Time passes in control periods. What one period means, in this order:
+Time passes in control periods, in this order:
 
 1. :meth:`SimulatedArm.reading` tells the state at time t, and the effort that acted until t.
 2. :meth:`SimulatedArm.step` takes the command for t. It is clipped, waits for the command delay (if any) and
@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from fractions import Fraction
 from functools import partial
-from types import TracebackType
 from typing import NamedTuple
 
 from sim_bridge.actuators import CommandDelay, PositionDrive
@@ -53,13 +53,10 @@ class ArmReading(NamedTuple):
         return self.time_ns * 1e-9
 
 
-class SimulatedArm:
+class SimulatedArm(AbstractContextManager["SimulatedArm"]):
     """An arm that takes efforts, or set points, at rest in its initial posture. Use it with ``with``.
 
     Drives that take set points hold the initial posture at first.
-
-    What acts on the arm is told by :class:`~sim_bridge.physics.ArmPhysics`, what is measured by
-    :class:`~sim_bridge.sensors.JointSensors`.
 
     Args:
         arm: names, effort limits and URDF of the arm. The weaker of its effort limit and the URDF's applies.
@@ -81,8 +78,7 @@ class SimulatedArm:
         )
         self._range_rad = tuple(zip(description.position_min_rad, description.position_max_rad, strict=True))
         self._n_substeps = _n_substeps(sim.physics_rate_hz, rate_hz)
-        period_ns = 1_000_000_000 / Fraction(rate_hz)
-        self._period_ns = period_ns.as_integer_ratio()
+        self._period_ns = (1_000_000_000 / Fraction(rate_hz)).as_integer_ratio()
         self._n_ticks = 0
         self._zero: JointValues = (0.0,) * len(arm.joints)
         self._newest = self._zero
@@ -109,13 +105,7 @@ class SimulatedArm:
         )
         self.set_state(start_rad, self._zero)
 
-    def __enter__(self) -> SimulatedArm:
-        """Return the arm."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the arm."""
         self.close()
 
@@ -129,19 +119,9 @@ class SimulatedArm:
         numerator, denominator = self._period_ns
         return self._n_ticks * numerator // denominator
 
-    @property
-    def true_position_rad(self) -> JointValues:
-        """The position without sensors, for tests and studies."""
-        return self._true_position_rad
-
-    @property
-    def true_velocity_rad_s(self) -> JointValues:
-        """The velocity without sensors, for tests and studies."""
-        return self._true_velocity_rad_s
-
     def at_rest(self, speed_rad_s: float = 1e-3) -> bool:
         """Whether every joint is truly slower than ``speed_rad_s``."""
-        return all(abs(velocity) < speed_rad_s for velocity in self._true_velocity_rad_s)
+        return all(abs(velocity) < speed_rad_s for velocity in self.true_velocity_rad_s)
 
     def reading(self) -> ArmReading:
         """Return what the sensors report now: the same record until the next step."""
@@ -166,12 +146,8 @@ class SimulatedArm:
                 f"one for each of the joints {', '.join(self.joint_names)}"
             )
         if self._drive is None:
-            values = tuple(
-                [
-                    max(-limit, min(limit, value))
-                    for value, limit in zip(values, self.effort_limit_nm, strict=True)
-                ]
-            )
+            limited = zip(values, self.effort_limit_nm, strict=True)
+            values = tuple([max(-limit, min(limit, value)) for value, limit in limited])
         self._newest = values
         self._advance(self._delay.pass_through(values))
 
@@ -195,10 +171,6 @@ class SimulatedArm:
 
         Position drives hold the new posture.
 
-        Args:
-            position_rad: within the range of each joint. Shape (n_joints,).
-            velocity_rad_s: shape (n_joints,).
-
         Raises:
             ConfigError: wrong length, not finite or out of range.
         """
@@ -209,8 +181,9 @@ class SimulatedArm:
         self._physics.set_state(position_rad, velocity_rad_s)
         self._newest = self._zero if self._drive is None else tuple(position_rad)
         self._delay.clear(self._newest)
-        self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
-        self._sensors.start(self._true_position_rad, self._true_velocity_rad_s)
+        self.true_position_rad, self.true_velocity_rad_s = self._physics.state()
+        """Without sensors, for tests and studies."""
+        self._sensors.start(self.true_position_rad, self.true_velocity_rad_s)
         self._reading = self._new_reading(self._zero)
 
     def _advance(self, command: JointValues) -> None:
@@ -222,13 +195,13 @@ class SimulatedArm:
                 partial(self._drive.effort_nm, command), self._n_substeps
             )
         self._n_ticks += 1
-        self._true_position_rad, self._true_velocity_rad_s = self._physics.state()
-        if not all(map(math.isfinite, self._true_position_rad + self._true_velocity_rad_s)):
+        self.true_position_rad, self.true_velocity_rad_s = self._physics.state()
+        if not all(map(math.isfinite, self.true_position_rad + self.true_velocity_rad_s)):
             raise SimulationError(
                 f"the simulation diverged at {self.time_ns * 1e-9:.4f} s. Use a higher sim.physics_rate_hz, "
                 "less friction or more inertia."
             )
-        self._sensors.update(self._true_position_rad, self._true_velocity_rad_s)
+        self._sensors.update(self.true_position_rad, self.true_velocity_rad_s)
         self._reading = self._new_reading(effort_nm)
 
     def _new_reading(self, effort_nm: JointValues) -> ArmReading:

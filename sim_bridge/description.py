@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ParseError as XmlError
@@ -34,16 +35,29 @@ class ArmDescription:
     """
 
     def __init__(self, path: str | Path, joints: Sequence[str], hand_link: str) -> None:
-        self.path = Path(path)
-        self.joints = tuple(joints)
-        self.hand_link = hand_link
+        self.path, self.joints, self.hand_link = Path(path), tuple(joints), hand_link
+        self._refused = partial(InputFileError, self.path)
         self._robot = _read(self.path)
         self._check_structure()
         self._check_names()
-        for joint in self._selected():
+        moved = self._selected()
+        for joint in moved:
             self._check_joint(joint)
         for joint in self._held():
             self._check_held_joint(joint)
+        self.position_min_rad: JointValues = tuple(
+            j.limit.lower if j.type == "revolute" else -math.inf for j in moved
+        )
+        self.position_max_rad: JointValues = tuple(
+            j.limit.upper if j.type == "revolute" else math.inf for j in moved
+        )
+        self.effort_limit_nm: JointValues = tuple(j.limit.effort if j.limit else math.inf for j in moved)
+        self.viscous_friction_nms_per_rad: JointValues = tuple(
+            (j.dynamics and j.dynamics.damping) or 0.0 for j in moved
+        )
+        self.coulomb_friction_nm: JointValues = tuple(
+            (j.dynamics and j.dynamics.friction) or 0.0 for j in moved
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -61,31 +75,6 @@ class ArmDescription:
                 remarks.append(f"link {link.name!r} has an <inertia>, but no mass: it is taken as written")
         return tuple(remarks)
 
-    @property
-    def position_min_rad(self) -> JointValues:
-        """Lower end of each joint's range; -inf for a continuous joint."""
-        return tuple(j.limit.lower if j.type == "revolute" else -math.inf for j in self._selected())
-
-    @property
-    def position_max_rad(self) -> JointValues:
-        """Upper end of each joint's range; inf for a continuous joint."""
-        return tuple(j.limit.upper if j.type == "revolute" else math.inf for j in self._selected())
-
-    @property
-    def effort_limit_nm(self) -> JointValues:
-        """The most that each motor can do; inf for a continuous joint without a limit."""
-        return tuple(j.limit.effort if j.limit else math.inf for j in self._selected())
-
-    @property
-    def viscous_friction_nms_per_rad(self) -> JointValues:
-        """``damping`` of each joint."""
-        return tuple((j.dynamics and j.dynamics.damping) or 0.0 for j in self._selected())
-
-    @property
-    def coulomb_friction_nm(self) -> JointValues:
-        """``friction`` of each joint."""
-        return tuple((j.dynamics and j.dynamics.friction) or 0.0 for j in self._selected())
-
     def link_inertia_trace_kgm2(self, name: str) -> float:
         """Sum of the principal moments of inertia of a link; 0 without ``<inertial>``."""
         inertial = self._robot.link_map[name].inertial
@@ -99,14 +88,22 @@ class ArmDescription:
             InputFileError: a link that moves has a negative moment, or one above the sum of the two others.
         """
         for link in self._moving_links():
-            self._check_inertia(link)
+            inertia = (link.inertial and link.inertial.inertia) or Inertia()
+            matrix = np.array(inertia.to_matrix())
+            moments = np.linalg.eigvalsh(matrix) if np.all(np.isfinite(matrix)) else np.full(3, np.nan)
+            rounding = 1e-9 * abs(moments).max()
+            if not (moments[0] >= -rounding and moments[2] <= moments[0] + moments[1] + rounding):
+                found = ", ".join(f"{moment:.4g}" for moment in moments)
+                raise self._refused(
+                    f"link {link.name!r} has an <inertia> that no body has (principal moments {found} kg·m²)",
+                    "principal moments of at least 0, none above the sum of the two others",
+                )
 
     def for_simulation(self, *, inertia_scale: float, payload_kg: float, visuals: bool) -> str:
         """Return a URDF that a simulator cannot misunderstand.
 
-        It says in full what a URDF may leave open: a link without ``<inertial>`` has no mass, as the format
-        means it (PyBullet would give it 1 kg). Joints that are not to move are fixed at 0. It leaves out what
-        a simulator would do on its own account: friction, and shapes to collide with.
+        A link without ``<inertial>`` has no mass, as the format means it (PyBullet would give it 1 kg).
+        Joints that are not to move are fixed at 0. Friction and shapes to collide with are left out.
 
         Args:
             inertia_scale: factor on the masses and inertias of the links, not on the payload.
@@ -154,32 +151,28 @@ class ArmDescription:
             names = [element.name for element in elements]
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
-                raise InputFileError(self.path, f"{kind} {twice[0]!r} is there twice", f"each {kind} once")
+                raise self._refused(f"{kind} {twice[0]!r} is there twice", f"each {kind} once")
         for joint in robot.joints:
             for end in (joint.parent, joint.child):
                 if end not in robot.link_map:
-                    raise InputFileError(
-                        self.path,
-                        f"joint {joint.name!r} is attached to {end!r}",
-                        "links that are in the file",
-                    )
+                    found = f"joint {joint.name!r} is attached to {end!r}"
+                    raise self._refused(found, "links that are in the file")
         children = [joint.child for joint in robot.joints]
         for name in children:
             if children.count(name) > 1:
-                raise InputFileError(self.path, f"link {name!r} has two parents", "one tree of links")
+                raise self._refused(f"link {name!r} has two parents", "one tree of links")
         roots = [name for name in robot.link_map if name not in children]
         connected = list(roots[:1])
         for link in connected:
             connected.extend(child for _, child in robot.child_map.get(link, []))
         if sorted(connected) != sorted(robot.link_map):
             found = f"its links form no tree (links without a parent: {', '.join(roots) or 'none'})"
-            raise InputFileError(self.path, found, "one tree of links")
+            raise self._refused(found, "one tree of links")
         for link in robot.links:
             mass_kg = link.inertial.mass if link.inertial else 0.0
             if not 0.0 <= mass_kg < math.inf:
-                raise InputFileError(
-                    self.path, f"link {link.name!r} has the mass {mass_kg}", "a finite number of at least 0"
-                )
+                found = f"link {link.name!r} has the mass {mass_kg}"
+                raise self._refused(found, "a finite number of at least 0")
 
     def _check_names(self) -> None:
         robot = self._robot
@@ -201,7 +194,7 @@ class ArmDescription:
 
     def _check_joint(self, joint: Any) -> None:
         def refuse(found: str, expected: str) -> InputFileError:
-            return InputFileError(self.path, f"joint {joint.name!r} {found}", expected)
+            return self._refused(f"joint {joint.name!r} {found}", expected)
 
         if joint.type not in MOVABLE:
             raise refuse(f"is {joint.type}", f"one of the types {' and '.join(MOVABLE)}")
@@ -225,24 +218,9 @@ class ArmDescription:
     def _check_held_joint(self, joint: Any) -> None:
         limit = joint.limit
         if limit and joint.type in ("revolute", "prismatic") and not limit.lower <= 0.0 <= limit.upper:
-            raise InputFileError(
-                self.path,
+            raise self._refused(
                 f"joint {joint.name!r} has the range {limit.lower} to {limit.upper}",
                 "a range with 0 in it, because arm.joints does not name this joint and it is held there",
-            )
-
-    def _check_inertia(self, link: Any) -> None:
-        inertia = (link.inertial and link.inertial.inertia) or Inertia()
-        matrix = np.array(inertia.to_matrix())
-        finite = bool(np.all(np.isfinite(matrix)))
-        moments = np.linalg.eigvalsh(matrix) if finite else np.full(3, np.nan)
-        rounding = 1e-9 * abs(moments).max()
-        if not (moments[0] >= -rounding and moments[2] <= moments[0] + moments[1] + rounding):
-            found = ", ".join(f"{moment:.4g}" for moment in moments)
-            raise InputFileError(
-                self.path,
-                f"link {link.name!r} has an <inertia> that no body has (principal moments {found} kg·m²)",
-                "principal moments of at least 0, none above the sum of the two others",
             )
 
     def _make_mesh_path_absolute(self, geometry: Any) -> None:

@@ -63,9 +63,8 @@ class SimBridgeNode(Node):
             SimulatedArm, config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed
         )
         command_topic = topics.COMMANDS[config.arm.command_interface]
-        run = declare_resume(self)
         self._start_ns = 0
-        if run is None:
+        if (run := declare_resume(self)) is None:
             self._arm = new_arm()
         else:
             # Late: an arm that begins anew should not wait for the reader of bags.
@@ -126,11 +125,8 @@ class SimBridgeNode(Node):
     def _publish(self) -> None:
         reading = self._arm.reading()
         self._stamp_ns = self._start_ns + reading.time_ns
-        self._states.publish(
-            self._layout.packed(
-                self._stamp_ns, reading.position_rad, reading.velocity_rad_s, reading.effort_nm
-            )
-        )
+        _, *arrays = reading
+        self._states.publish(self._layout.packed(self._stamp_ns, *arrays))
 
     def _step(self, command: Sequence[float]) -> bool:
         """Let one period pass with a command; a command that cannot be used is ignored."""
@@ -260,10 +256,7 @@ class SimBridgeNode(Node):
             self._coast_timer.cancel()
 
 
-def main() -> None:
-    """Run the node."""
-    run_node(SimBridgeNode)
-
+main = partial(run_node, SimBridgeNode)
 
 if __name__ == "__main__":
     main()

@@ -46,12 +46,6 @@ class ArmPhysics:
     real and slides with exactly c against it, without chatter. The ends of a joint's range are hard stops.
     Gravity acts along -z of the base. Links do not collide.
 
-    Args:
-        description: the arm.
-        sim: step, inertia, payload and display.
-        viscous_nms_per_rad: b, one value a joint.
-        coulomb_nm: c, one value a joint.
-
     Raises:
         InputFileError: the URDF describes something that cannot be simulated.
         ConfigError: a window is wanted where there is no display.
@@ -64,17 +58,25 @@ class ArmPhysics:
         viscous_nms_per_rad: JointValues,
         coulomb_nm: JointValues,
     ) -> None:
-        _check_display(sim.gui)
+        # Without a display PyBullet ends the whole process.
+        if sim.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+            raise ConfigError("sim.gui", sim.gui, "false, since there is no display (DISPLAY is not set)")
         for remark in description.remarks:
             _LOG.warning("%s: %s", description.path, remark)
         with stdout_to_stderr():
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:
                 self._body = _load(description, sim, self._client)
-                self._joints = self._joint_indices(description.joints)
+                n_links = pybullet.getNumJoints(self._body, physicsClientId=self._client)
+                links = [
+                    pybullet.getJointInfo(self._body, i, physicsClientId=self._client) for i in range(n_links)
+                ]
+                index = {link[1].decode(): link[0] for link in links}
+                self._joints = [index[name] for name in description.joints]
                 self._switch_off_defaults(1.0 / sim.physics_rate_hz)
                 self._set_friction(viscous_nms_per_rad, coulomb_nm)
-                self._check_inertia(description, sim.inertia_scale)
+                names = [link[12].decode() for link in links]
+                self._check_inertia(description, names, sim.inertia_scale)
             except BaseException:
                 self.close()
                 raise
@@ -94,11 +96,8 @@ class ArmPhysics:
             SimulationError: the simulation was closed.
         """
         body, joints, client = self._body, self._joints, self._client
-        set_torques, step, mode = (
-            pybullet.setJointMotorControlArray,
-            pybullet.stepSimulation,
-            pybullet.TORQUE_CONTROL,
-        )
+        set_torques, mode = pybullet.setJointMotorControlArray, pybullet.TORQUE_CONTROL
+        step = pybullet.stepSimulation
         try:
             for _ in range(n_steps):
                 # PyBullet forgets a torque after each physics step.
@@ -110,14 +109,10 @@ class ArmPhysics:
     def advance_driven(
         self, drive: Callable[[JointValues, JointValues], JointValues], n_steps: int
     ) -> JointValues:
-        """Let ``n_steps`` physics steps pass, each under the torque with which a drive answers the state.
+        """Let ``n_steps`` physics steps pass, each under the torques with which a drive answers the state.
 
-        Args:
-            drive: from positions in rad and velocities in rad/s to torques in N·m.
-            n_steps: at least 1.
-
-        Returns:
-            The torque of the last step.
+        ``drive`` goes from positions in rad and velocities in rad/s to torques in N·m. Returns the torques of
+        the last step.
 
         Raises:
             SimulationError: the simulation was closed.
@@ -143,15 +138,6 @@ class ArmPhysics:
                 pybullet.resetJointState(self._body, joint, position, velocity, physicsClientId=self._client)
         except pybullet.error as error:
             raise SimulationError(CLOSED) from error
-
-    def _n_links(self) -> int:
-        return int(pybullet.getNumJoints(self._body, physicsClientId=self._client))
-
-    def _joint_indices(self, names: Sequence[str]) -> list[int]:
-        index = {}
-        for i in range(self._n_links()):
-            index[pybullet.getJointInfo(self._body, i, physicsClientId=self._client)[1].decode()] = i
-        return [index[name] for name in names]
 
     def _switch_off_defaults(self, timestep_s: float) -> None:
         """Leave nothing that neither the URDF nor the configuration asks for."""
@@ -186,11 +172,10 @@ class ArmPhysics:
             physicsClientId=self._client,
         )
 
-    def _check_inertia(self, description: ArmDescription, inertia_scale: float) -> None:
+    def _check_inertia(self, description: ArmDescription, links: Sequence[str], inertia_scale: float) -> None:
         """Refuse an inertia that PyBullet silently replaced, and joints that nothing resists."""
         description.check_inertias()
-        for i in range(self._n_links()):
-            link = pybullet.getJointInfo(self._body, i, physicsClientId=self._client)[12].decode()
+        for i, link in enumerate(links):
             if link == PAYLOAD_LINK:
                 continue
             moments = pybullet.getDynamicsInfo(self._body, i, physicsClientId=self._client)[2]
@@ -213,12 +198,6 @@ class ArmPhysics:
             )
 
 
-def _check_display(gui: bool) -> None:
-    # Without a display PyBullet ends the whole process.
-    if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise ConfigError("sim.gui", gui, "false, since there is no display (DISPLAY is not set)")
-
-
 def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
     text = description.for_simulation(
         inertia_scale=sim.inertia_scale, payload_kg=sim.payload_kg, visuals=sim.gui
@@ -227,15 +206,9 @@ def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
         path = Path(folder) / "arm.urdf"
         path.write_text(text, encoding="utf-8")
         try:
-            return int(
-                pybullet.loadURDF(
-                    str(path),
-                    useFixedBase=True,
-                    # Without it PyBullet makes up the inertia from the shape.
-                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
-                    physicsClientId=client,
-                )
-            )
+            # Without the flag PyBullet makes up the inertia from the shape.
+            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+            return int(pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client))
         except pybullet.error as error:
             raise InputFileError(description.path, f"PyBullet refuses it ({error})", "a URDF file") from error
 

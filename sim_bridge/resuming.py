@@ -18,23 +18,16 @@ def replay_arm(
     """Return an arm that has gone through the trials of a run, and how much later it was than its own time.
 
     Equal commands give bit-identical readings: the arm gets the recorded commands, one a period, and has to
-    read what is recorded. So its joints, sensors, noise and the commands on their way are as they were. Where
-    it reads something else (periods have passed without commands, or in real time), nobody can tell more than
-    where it was last: there it rests.
-
-    Args:
-        new_arm: makes the arm as a run begins with it.
-        trials: in order.
-
-    Returns:
-        The arm, and what is to be added to its time [ns]; 0 if it is exactly as it was.
+    read what is recorded. So its joints, sensors, noise and the commands on their way are as they were, and
+    the time to add [ns] is 0. Where it reads something else (periods have passed without commands, or in real
+    time), it rests where it was last.
 
     Raises:
         ConfigError: the place where it was last is beyond a hard stop.
     """
-    arm = new_arm()
+    arm, exact = new_arm(), True
     position_rad: tuple[float, ...] = ()
-    last_ns, exact = 0, True
+    last_ns = 0
     for states, commands in trials:
         exact = exact and _follows(arm, states, commands)
         last_ns = max(states)

@@ -25,7 +25,7 @@ class JointSensors:
         encoder_bits: resolution of a revolution; 0: exact.
         noise_rad: standard deviation of the noise on each position reading.
         velocity_filter_hz: corner frequency f of the low-pass; 0: no filter.
-        seed: of the noise. Equal seeds give equal noise.
+        seed: of the noise.
     """
 
     def __init__(
@@ -49,43 +49,27 @@ class JointSensors:
             1.0 - math.exp(-2.0 * math.pi * velocity_filter_hz * period_s) if velocity_filter_hz else 1.0
         )
         self._rng = np.random.default_rng(seed)
-        self._position_rad: JointValues = (0.0,) * n_joints
-        self._velocity_rad_s: JointValues = (0.0,) * n_joints
+        self.position_rad: JointValues = (0.0,) * n_joints
+        self.velocity_rad_s: JointValues = (0.0,) * n_joints
+        """Of the last reading."""
 
     def start(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
-        """Begin anew with an arm that has moved with ``velocity_rad_s`` for a while.
-
-        Without this the jump to the first position would look like a very fast movement.
-        """
-        self._position_rad = self._measured_position(position_rad)
-        self._velocity_rad_s = tuple(velocity_rad_s)
+        """Begin anew with a moving arm; otherwise its first position would look like a very fast movement."""
+        self.position_rad = self._measured_position(position_rad)
+        self.velocity_rad_s = tuple(velocity_rad_s)
 
     def update(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         """Take the next reading of an arm with this true state. To be called once a period."""
         measured_rad = self._measured_position(position_rad)
         if self._exact:
-            self._velocity_rad_s = tuple(velocity_rad_s)
+            self.velocity_rad_s = tuple(velocity_rad_s)
         else:
             share, period_s = self._newest_share, self._period_s
-            self._velocity_rad_s = tuple(
-                [
-                    old + share * ((now - before) / period_s - old)
-                    for old, now, before in zip(
-                        self._velocity_rad_s, measured_rad, self._position_rad, strict=True
-                    )
-                ]
+            readings = zip(self.velocity_rad_s, measured_rad, self.position_rad, strict=True)
+            self.velocity_rad_s = tuple(
+                [old + share * ((now - before) / period_s - old) for old, now, before in readings]
             )
-        self._position_rad = measured_rad
-
-    @property
-    def position_rad(self) -> JointValues:
-        """The position of the last reading."""
-        return self._position_rad
-
-    @property
-    def velocity_rad_s(self) -> JointValues:
-        """The velocity of the last reading."""
-        return self._velocity_rad_s
+        self.position_rad = measured_rad
 
     def _measured_position(self, position_rad: Sequence[float]) -> JointValues:
         values = position_rad

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tel_ros.core.config import ControlConfig, JointValues
 
-_TIMES = 3.0
-"""The controller's rest allows the distance once to each side of where its window began; and the arm has
-moved on for a period since."""
 
-
-@dataclass(frozen=True)
-class Due:
-    """What has to be made up for.
-
-    Args:
-        periods: that pass now, one after the other; 0: it is too early.
-        skipped_s: time that passes without the arm.
-    """
+class Due(NamedTuple):
+    """How many periods pass now (0: it is too early), and what time passes without the arm."""
 
     periods: int
     skipped_s: float = 0.0
@@ -30,9 +20,8 @@ class Pacer:
     """Keeps the arm's time equal to that on the wall.
 
     Deadlines are absolute, so that being late once does not make all that follows late. After a stall all
-    periods that have gone by pass at once, and the arm is seen where it is by then, as an arm of steel would
-    be: it does not wait for a computer that stands still. What goes beyond ``longest_s`` is skipped: an arm
-    without commands has long been coasting by then.
+    periods that have gone by pass at once: a real arm does not wait for a computer either. What goes beyond
+    ``longest_s`` is skipped: an arm without commands has long been coasting by then.
 
     Args:
         period_s: of control.
@@ -66,15 +55,14 @@ class Stillness:
     """Remembers the last readings, and says whether a controller may have taken them for rest.
 
     A controller that is silent between trials leaves an arm behind that swings a little still, and its speed
-    of the moment says nothing. So what counts is how far it has moved over the settling time, by the measure
-    of :class:`~tel_ros.core.control.holding.RestDetector`: whatever that calls rest is rest here, too.
-
-    Args:
-        control: rate, settling time and speed.
+    of the moment says nothing. What counts is how far it has moved over the settling time: whatever
+    :class:`~tel_ros.core.control.holding.RestDetector` calls rest is rest here, too.
     """
 
     def __init__(self, control: ControlConfig) -> None:
-        self._furthest_rad = _TIMES * control.settle_speed_rad_s * control.settle_time_s
+        # The controller's rest allows the distance once to each side of where its window began; and the arm
+        # has moved on for a period since.
+        self._furthest_rad = 3.0 * control.settle_speed_rad_s * control.settle_time_s
         self._readings: deque[JointValues] = deque(maxlen=round(control.settle_time_s * control.rate_hz) + 1)
 
     def add(self, position_rad: JointValues) -> None:
@@ -83,7 +71,7 @@ class Stillness:
 
     @property
     def stands_still(self) -> bool:
-        """Whether no joint has moved far, over the window or for as long as there have been readings."""
+        """Whether no joint has moved far in the window, or since the first reading."""
         return all(
             max(joint) - min(joint) <= self._furthest_rad for joint in zip(*self._readings, strict=True)
         )

@@ -132,27 +132,22 @@ def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArra
 
 
 def to_goal_message(
-    trial: int,
-    alpha: float,
-    joints: Sequence[str],
-    desired: DesiredTrajectory,
-    equilibrium_rad: FloatArray,
-    std_rad: Sequence[float] = (),
-    springs: Springs | None = None,
+    goal: TrialGoal, joints: Sequence[str], std_rad: Sequence[float] = ()
 ) -> TrialGoalMessage:
-    """Return the goal of a trial as a message; without springs they are as configured.
+    """Return the goal of a trial as a message.
 
     ``std_rad``, the standard deviation of the error in the equilibrium, is flat, point by point, or empty.
     """
+    desired, springs = goal.desired, goal.springs
     return TrialGoalMessage(
-        trial=trial,
-        alpha=alpha,
+        trial=goal.index,
+        alpha=goal.alpha,
         joint_names=list(joints),
         time_ns=array("q", desired.time_ns.tobytes()),
         position_rad=to_array(desired.position_rad),
         velocity_rad_s=to_array(desired.velocity_rad_s),
         acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
-        equilibrium_rad=to_array(equilibrium_rad),
+        equilibrium_rad=to_array(goal.equilibrium_rad),
         stiffness_nm_per_rad=to_array(springs.stiffness_nm_per_rad) if springs else (),
         damping_nms_per_rad=to_array(springs.damping_nms_per_rad) if springs else (),
         std_rad=std_rad,

@@ -1,4 +1,4 @@
-"""Managed nodes: a base that says why it refuses a transition, and the client that brings one up.
+"""Managed nodes that say why they refuse a transition.
 
 To ROS 2's managed nodes (https://design.ros2.org/articles/node_lifecycle.html) this adds: a transition is
 refused with a reason, an error in one is logged, and a request for one that does not exist in the present
@@ -7,20 +7,15 @@ state is answered. In rclpy 7.1 it would end the process, which may be holding a
 
 from __future__ import annotations
 
-import time
 import traceback
 from collections.abc import Callable
 from typing import Any
 
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.callback_groups import CallbackGroup
+from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from rclpy.node import Node
 
 from tel_ros.core.errors import TelError
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, SilenceError, ask
 
 
 class TransitionRefusedError(TelError):
@@ -101,43 +96,3 @@ class ManagedNode(LifecycleNode):
     def _refuse(self, why: str) -> None:
         self.refusal = why
         self.get_logger().warning(why)
-
-
-class LifecycleClient:
-    """Asks a managed node for its state, and for transitions; another thread spins the asking node."""
-
-    def __init__(self, node: Node, managed: str, group: CallbackGroup) -> None:
-        self._managed = managed
-        self._get = node.create_client(GetState, f"{managed}/get_state", callback_group=group)
-        self._change = node.create_client(ChangeState, f"{managed}/change_state", callback_group=group)
-
-    def bring_up(self, timeout_s: float, poll: Callable[[], None]) -> None:
-        """Configure and activate the node, as far as it is not; time-out and ``poll`` as for :func:`ask`.
-
-        Raises:
-            NoAnswerError: the node does not answer.
-            DeclinedError: it cannot be configured or activated.
-        """
-        steps = {
-            State.PRIMARY_STATE_UNCONFIGURED: (Transition.TRANSITION_CONFIGURE, "configured"),
-            State.PRIMARY_STATE_INACTIVE: (Transition.TRANSITION_ACTIVATE, "activated"),
-        }
-        end = time.monotonic() + timeout_s
-        while True:
-            state = ask(self._get, GetState.Request(), timeout_s, poll, AGAIN_S).current_state
-            if state.id == State.PRIMARY_STATE_ACTIVE:
-                return
-            if state.id not in steps:
-                raise DeclinedError(
-                    f"{self._managed} is {state.label}; expected a node that can be activated"
-                )
-            transition, done = steps[state.id]
-            request = ChangeState.Request(transition=Transition(id=transition))
-            try:
-                changed = ask(self._change, request, AGAIN_S, poll).success
-            except SilenceError:
-                if time.monotonic() > end:
-                    raise
-                continue  # the state tells whether it was only the answer that was lost
-            if not changed:
-                raise DeclinedError(f"{self._managed} could not be {done}; its log says why")

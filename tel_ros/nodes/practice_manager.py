@@ -29,7 +29,6 @@ from tel_ros.core.practice.strategy import Ending
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_result_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
-from tel_ros.nodes.lifecycle import LifecycleClient
 from tel_ros.nodes.parameters import load_parameters, on_set
 from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, RunContext
 from tel_ros.nodes.resuming import declare_resume
@@ -71,7 +70,6 @@ class PracticeManagerNode(Node):
         group = ReentrantCallbackGroup()
         wait_for_arm = partial(self._wait_for_arm, self._config.run.arm_timeout_s)
         self._ports = PracticePorts(self, group, self._config, wait_for_arm, self._give_up_in_time)
-        self._controller = LifecycleClient(self, topics.EP_CONTROLLER, group)
         about = ParameterDescriptor(description="whether a run ends with its report", read_only=True)
         self._makes_report = bool(self.declare_parameter("report", True, about).value)
         self._busy = self._stopping = False
@@ -193,7 +191,7 @@ class PracticeManagerNode(Node):
         self._stop_seen = self._stop_latched
         try:
             patience_s = REPLAY_TIMEOUT_S if rows else 0.0
-            self._controller.bring_up(max(ANSWER_TIMEOUT_S, patience_s), self._give_up_in_time)
+            self._ports.bring_up(max(ANSWER_TIMEOUT_S, patience_s))
             self._wait_for_arm(max(self._config.run.arm_timeout_s, patience_s))
             if rows:
                 self._ports.load(network_after)

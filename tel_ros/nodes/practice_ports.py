@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
@@ -35,7 +37,7 @@ from tel_ros.core.trial import TrialReport
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
 from tel_ros.nodes.run_progress import Progress
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, ask, wait
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, SilenceError, ask, wait
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
 from tel_ros.recording.trial_bag import trial_metadata
@@ -90,9 +92,44 @@ class PracticePorts:
         self._load = client(LoadNetwork, topics.LOAD)
         self._start_recording = client(StartRecording, topics.START_RECORDING)
         self._stop_recording = client(StopRecording, topics.STOP_RECORDING)
+        self._controller_state = client(GetState, f"{topics.EP_CONTROLLER}/get_state")
+        self._change_state = client(ChangeState, f"{topics.EP_CONTROLLER}/change_state")
         self._execute = ActionClient(node, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
         # For whoever watches; the controller gets it in its action, the recorder with its request.
         self._goal_pub = node.create_publisher(TrialGoal, topics.TRIAL_GOAL, qos.LATCHED)
+
+    def bring_up(self, timeout_s: float) -> None:
+        """Configure and activate the controller, as far as it is not.
+
+        Args:
+            timeout_s: for each answer (wall clock).
+
+        Raises:
+            NoAnswerError: it does not answer, or cannot be configured or activated.
+        """
+        name = topics.EP_CONTROLLER
+        steps = {
+            State.PRIMARY_STATE_UNCONFIGURED: (Transition.TRANSITION_CONFIGURE, "configured"),
+            State.PRIMARY_STATE_INACTIVE: (Transition.TRANSITION_ACTIVATE, "activated"),
+        }
+        end = time.monotonic() + timeout_s
+        while True:
+            answer = ask(self._controller_state, GetState.Request(), timeout_s, self._poll, AGAIN_S)
+            state = answer.current_state
+            if state.id == State.PRIMARY_STATE_ACTIVE:
+                return
+            if state.id not in steps:
+                raise DeclinedError(f"{name} is {state.label}; expected a node that can be activated")
+            transition, done = steps[state.id]
+            request = ChangeState.Request(transition=Transition(id=transition))
+            try:
+                changed = ask(self._change_state, request, AGAIN_S, self._poll).success
+            except SilenceError:
+                if time.monotonic() > end:
+                    raise
+                continue  # the state tells whether it was only the answer that was lost
+            if not changed:
+                raise DeclinedError(f"{name} could not be {done}; its log says why")
 
     def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Path]:
         """Record and execute a trial; return its report and its bag.
@@ -102,27 +139,20 @@ class PracticePorts:
         """
         plan, run = commanded.plan, self.run
         bag, arm = trial_bag(run.folder, plan.index), self._config.arm
-        goal = to_goal_message(
-            plan.index,
-            commanded.goal.alpha,
-            arm.joints,
-            commanded.goal.desired,
-            commanded.goal.equilibrium_rad,
-            to_array(commanded.std_rad),
-            # Said even if it is nothing new: a bag then tells what its efforts came from.
-            commanded.goal.springs or Springs.of(arm),
-        )
+        # Springs are told even if they are the configured ones: a bag then tells what its efforts came from.
+        goal = replace(commanded.goal, springs=commanded.goal.springs or Springs.of(arm))
+        message = to_goal_message(goal, arm.joints, to_array(commanded.std_rad))
         metadata = trial_metadata(plan, self._config, run.written, commanded.revision)
         self._wait_for_arm()  # it may have stood still since the last trial
         run.progress.stage("recording")
         request = StartRecording.Request(
-            bag=str(bag), goal=goal, metadata_keys=list(metadata), metadata_values=list(metadata.values())
+            bag=str(bag), goal=message, metadata_keys=list(metadata), metadata_values=list(metadata.values())
         )
         self._call(self._start_recording, request, ANSWER_TIMEOUT_S)
-        self._goal_pub.publish(goal)
+        self._goal_pub.publish(message)
         self._wait_for_arm()  # a disturbed brake may have moved it meanwhile
         run.progress.stage("moving")
-        result = self._moved(goal)
+        result = self._moved(message)
         self._call(self._stop_recording, StopRecording.Request(result=result), ANSWER_TIMEOUT_S)
         if result.outcome == TrialResult.REFUSED:
             raise NoAnswerError(f"trial {plan.index} was refused: {result.message}")

@@ -27,6 +27,7 @@ from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialGoal
 
 from tel_ros.app.bring_up import NodeProcesses
+from tel_ros.core import trial
 from tel_ros.core.config import Config
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.nodes import qos
@@ -220,7 +221,8 @@ class Graph:
     def goal(self, duration_s: float = 5.0) -> TrialGoal:
         """Return a good goal: the configured path, the desired positions as equilibrium points."""
         desired = self.desired(duration_s)
-        return to_goal_message(1, 1.0, self.config.arm.joints, desired, desired.position_rad)
+        goal = trial.TrialGoal(1, 1.0, desired, desired.position_rad)
+        return to_goal_message(goal, self.config.arm.joints)
 
     def desired(self, duration_s: float) -> DesiredTrajectory:
         """Return the configured path at a duration."""

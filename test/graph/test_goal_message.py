@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,15 +11,17 @@ from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trajectories.trajectory import sample
+from tel_ros.core.trial import TrialGoal
 from tel_ros.nodes.conversions import to_goal, to_goal_message
 
 JOINTS = ("shoulder", "elbow")
 DESIRED = sample(NAMED_PATHS["planar_loops"], 1.0, 100.0)
+GOAL = TrialGoal(3, 0.5, DESIRED, DESIRED.position_rad)
 SPRINGS = Springs(np.array([30.0, 45.0]), np.array([2.0, 3.0]))
 
 
 def test_springs_come_back_in_the_order_of_the_joints() -> None:
-    message = to_goal_message(3, 0.5, JOINTS, DESIRED, DESIRED.position_rad, springs=SPRINGS)
+    message = to_goal_message(replace(GOAL, springs=SPRINGS), JOINTS)
     for joints, order in ((JOINTS, [0, 1]), (JOINTS[::-1], [1, 0])):
         springs = to_goal(message, joints).springs
         assert springs is not None
@@ -26,7 +30,7 @@ def test_springs_come_back_in_the_order_of_the_joints() -> None:
 
 
 def test_a_goal_that_says_nothing_of_springs_has_the_configured_ones() -> None:
-    assert to_goal(to_goal_message(3, 0.5, JOINTS, DESIRED, DESIRED.position_rad), JOINTS).springs is None
+    assert to_goal(to_goal_message(GOAL, JOINTS), JOINTS).springs is None
 
 
 @pytest.mark.parametrize(
@@ -42,7 +46,7 @@ def test_a_goal_that_says_nothing_of_springs_has_the_configured_ones() -> None:
 def test_springs_that_do_not_fit_are_refused(
     stiffness: list[float], damping: list[float], expected: str
 ) -> None:
-    message = to_goal_message(3, 0.5, JOINTS, DESIRED, DESIRED.position_rad)
+    message = to_goal_message(GOAL, JOINTS)
     message.stiffness_nm_per_rad, message.damping_nms_per_rad = stiffness, damping
     with pytest.raises(TrajectoryError, match=expected):
         to_goal(message, JOINTS)
