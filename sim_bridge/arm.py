@@ -77,7 +77,11 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             min(pair) for pair in zip(arm.effort_limit_nm, description.effort_limit_nm, strict=True)
         )
         self._range_rad = tuple(zip(description.position_min_rad, description.position_max_rad, strict=True))
-        self._n_substeps = _n_substeps(sim.physics_rate_hz, rate_hz)
+        substeps = sim.physics_rate_hz / rate_hz
+        if not (substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9):
+            expected = f"a whole multiple of the control rate {rate_hz}"
+            raise ConfigError("sim.physics_rate_hz", sim.physics_rate_hz, expected)
+        self._n_substeps = round(substeps)
         self._period_ns = (1_000_000_000 / Fraction(rate_hz)).as_integer_ratio()
         self._n_ticks = 0
         self._zero: JointValues = (0.0,) * len(arm.joints)
@@ -86,15 +90,12 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         if arm.command_interface == "position":
             stiffness = tuple(sim.drive_stiffness_scale * k for k in arm.stiffness_nm_per_rad)
             self._drive = PositionDrive(stiffness, arm.damping_nms_per_rad, self.effort_limit_nm)
-        self._delay = CommandDelay(_delay_periods(sim.command_delay_s, rate_hz), self._zero)
-        self._sensors = JointSensors(
-            len(arm.joints),
-            period_s=1.0 / rate_hz,
-            encoder_bits=sim.encoder_bits,
-            noise_rad=sim.position_noise_rad,
-            velocity_filter_hz=sim.velocity_filter_hz,
-            seed=seed,
-        )
+        delay = sim.command_delay_s * rate_hz
+        if abs(delay - round(delay)) > 1e-6:
+            expected = f"a whole multiple of the control period {1.0 / rate_hz:g} s"
+            raise ConfigError("sim.command_delay_s", sim.command_delay_s, expected)
+        self._delay = CommandDelay(round(delay), self._zero)
+        self._sensors = JointSensors(len(arm.joints), sim, period_s=1.0 / rate_hz, seed=seed)
         start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, description)
         self._check_position("sim.initial_position_rad", start_rad)
         self._physics = ArmPhysics(
@@ -152,10 +153,9 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         self._advance(self._delay.pass_through(values))
 
     def coast(self) -> None:
-        """Let one control period pass without a command.
+        """Let one control period pass without a command, and drop those on their way: the motors are off.
 
-        The motors are off, at once: commands on their way are dropped. But position drives go on with the
-        newest set point.
+        But position drives go on with the newest set point.
 
         Raises:
             SimulationError: the simulation was closed, or is no longer finite.
@@ -224,22 +224,6 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
                 for name, (low, high) in zip(self.joint_names, self._range_rad, strict=True)
             )
             raise ConfigError(key, list(position_rad), f"one value in rad a joint, within {ranges}")
-
-
-def _n_substeps(physics_rate_hz: float, rate_hz: float) -> int:
-    ratio = physics_rate_hz / rate_hz
-    if not (ratio >= 1.0 and abs(ratio - round(ratio)) < 1e-9):
-        expected = f"a whole multiple of the control rate {rate_hz}"
-        raise ConfigError("sim.physics_rate_hz", physics_rate_hz, expected)
-    return round(ratio)
-
-
-def _delay_periods(delay_s: float, rate_hz: float) -> int:
-    n_periods = delay_s * rate_hz
-    if abs(n_periods - round(n_periods)) > 1e-6:
-        expected = f"a whole multiple of the control period {1.0 / rate_hz:g} s"
-        raise ConfigError("sim.command_delay_s", delay_s, expected)
-    return round(n_periods)
 
 
 def _middle(arm: ArmConfig, description: ArmDescription) -> JointValues:

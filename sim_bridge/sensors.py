@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tel_ros.core.config import JointValues
+from tel_ros.core.config import JointValues, SimConfig
 
 
 class JointSensors:
@@ -21,32 +21,24 @@ class JointSensors:
 
     Args:
         n_joints: number of joints.
+        sim: bits of the encoder, standard deviation of the noise on each position reading, and corner
+            frequency f of the low-pass; each 0: none.
         period_s: time between readings.
-        encoder_bits: resolution of a revolution; 0: exact.
-        noise_rad: standard deviation of the noise on each position reading.
-        velocity_filter_hz: corner frequency f of the low-pass; 0: no filter.
         seed: of the noise.
     """
 
-    def __init__(
-        self,
-        n_joints: int,
-        *,
-        period_s: float,
-        encoder_bits: int,
-        noise_rad: float,
-        velocity_filter_hz: float,
-        seed: int,
-    ) -> None:
+    def __init__(self, n_joints: int, sim: SimConfig, *, period_s: float, seed: int) -> None:
         self._n_joints = n_joints
         self._period_s = period_s
-        self._step_rad = 2.0 * math.pi / 2**encoder_bits if encoder_bits else 0.0
-        self._noise_rad = noise_rad
-        self._exact = encoder_bits == 0 and noise_rad == 0.0
+        self._step_rad = 2.0 * math.pi / 2**sim.encoder_bits if sim.encoder_bits else 0.0
+        self._noise_rad = sim.position_noise_rad
+        self._exact = sim.encoder_bits == 0 and sim.position_noise_rad == 0.0
         # The share of the newest difference in the estimate: the first-order low-pass solved exactly for an
         # input that is constant over a period, so that it is stable for every corner frequency.
         self._newest_share = (
-            1.0 - math.exp(-2.0 * math.pi * velocity_filter_hz * period_s) if velocity_filter_hz else 1.0
+            1.0 - math.exp(-2.0 * math.pi * sim.velocity_filter_hz * period_s)
+            if sim.velocity_filter_hz
+            else 1.0
         )
         self._rng = np.random.default_rng(seed)
         self.position_rad: JointValues = (0.0,) * n_joints

@@ -64,16 +64,16 @@ class Diagnostics:
         node.create_timer(0.1, self._look, callback_group=group)
 
     def _look(self) -> None:
-        health, now = self._health(), time.monotonic()
-        if now >= self._next_at or (health.level, health.message) != self._said:
-            self._publish(health, now)
+        health = self._health()
+        if time.monotonic() >= self._next_at or (health.level, health.message) != self._said:
+            self._publish(health)
 
     def publish(self) -> None:
         """Publish now; for a node that is about to be busy for long."""
-        self._publish(self._health(), time.monotonic())
+        self._publish(self._health())
 
-    def _publish(self, health: Health, now: float) -> None:
-        self._said, self._next_at = (health.level, health.message), now + PERIOD_S
+    def _publish(self, health: Health) -> None:
+        self._said, self._next_at = (health.level, health.message), time.monotonic() + PERIOD_S
         status = DiagnosticStatus(
             level=health.level.value,
             name=self._name,

@@ -101,16 +101,11 @@ class EpControllerNode(ManagedNode):
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
         self._channel = CommandChannel(self, self._interface)
-        self._state_pub = self.create_publisher(
-            ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
-        )
+        states = topics.private(topics.CONTROL_STATES)
+        self._state_pub = self.create_publisher(ControlState, states, qos.STREAM)
 
     def activate(self) -> None:
-        """Open the channel; nothing is commanded before the first trial.
-
-        Raises:
-            TransitionRefusedError: an emergency stop is latched.
-        """
+        """Open the channel, unless an emergency stop is latched."""
         if self._safety.reason:
             raise TransitionRefusedError(f"{self._safety.reason}; call {self._safety.reset_name} first")
         self._channel.open(self._controller.commands)
@@ -119,15 +114,13 @@ class EpControllerNode(ManagedNode):
     def deactivate(self) -> None:
         """Release an arm that is held, or leave it with what holds it (``safety.final_effort``).
 
-        Raises:
-            TransitionRefusedError: a trial is under way, or the arm moves.
+        Refused while a trial is under way, or the arm moves.
         """
+        stop = self._safety.stop_name
         if self._trials.busy:
-            raise TransitionRefusedError(
-                f"a trial is under way; cancel it, or call {self._safety.stop_name}, and wait for its end"
-            )
+            why = f"a trial is under way; cancel it, or call {stop}, and wait for its end"
+            raise TransitionRefusedError(why)
         if self._moves():
-            stop = self._safety.stop_name
             raise TransitionRefusedError(f"the arm moves; wait until it rests, or call {stop}")
         self._release(hold=self._holds_at_the_end)
 

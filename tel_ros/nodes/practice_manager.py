@@ -54,8 +54,8 @@ SETTABLE = tuple(f"practice.{key}" for key in ("trials", "tolerance_rad", "step_
 class PracticeManagerNode(Node):
     """Runs one practice run at a time; pause, emergency stop and cancellation act between two trials.
 
-    A goal is rejected only while another run is under way or the node ends, since a rejection carries no
-    reason. Whatever else is wrong with a goal is told by its result, before anything has moved.
+    A goal is rejected only while another run is under way or the node ends: a rejection carries no reason.
+    Whatever else is wrong with it is told by its result, before anything moves.
     """
 
     def __init__(self) -> None:
@@ -142,10 +142,7 @@ class PracticeManagerNode(Node):
             result.outcome, result.message = "failed", str(error)
         ended = f"run {result.run_dir} {result.outcome}" + (result.message and f": {result.message}")
         good = result.outcome in ("completed", "stopped", "cancelled")
-        if good:
-            self.get_logger().info(ended)
-        else:
-            self.get_logger().error(ended)
+        self.get_logger().info(ended) if good else self.get_logger().error(ended)
         if result.trials and self._makes_report and not self._stopping:
             self._report(result.run_dir)
         self._last = Health(Level.OK if good else Level.WARN, ended)

@@ -101,11 +101,8 @@ class PracticePorts:
     def bring_up(self, timeout_s: float) -> None:
         """Configure and activate the controller, as far as it is not.
 
-        Args:
-            timeout_s: for each answer (wall clock).
-
         Raises:
-            NoAnswerError: it does not answer, or cannot be configured or activated.
+            NoAnswerError: an answer does not come in time, or is no.
         """
         name = topics.EP_CONTROLLER
         steps = {

@@ -24,22 +24,14 @@ TIMEOUT_S = 30.0
 
 
 def description_for(node: Node) -> Path:
-    """Return a file with the robot description that a node would hear under its own names.
-
-    Raises:
-        TelError: none comes within :data:`TIMEOUT_S`.
-    """
+    """Return a file with the robot description that a node would hear; TelError: none comes in time."""
     topic = node.resolve_topic_name(topics.ROBOT_DESCRIPTION)
     node.get_logger().info(f"arm.urdf is empty: waits for {topic}")
     return _heard(topic, node.context)
 
 
 def description_in(namespace: str) -> Path:
-    """Return a file with the robot description in a namespace, for whoever has no node yet.
-
-    Raises:
-        TelError: as for :func:`description_for`.
-    """
+    """Return a file with the robot description in a namespace; TelError: none comes in time."""
     context = Context()
     rclpy.init(context=context)
     try:
@@ -50,16 +42,12 @@ def description_in(namespace: str) -> Path:
 
 def _heard(topic: str, context: Context) -> Path:
     """Return a file that lasts as long as this process."""
-    heard: list[str] = []
+    heard: list[Any] = []
     # A node of its own: the one that asks is not whole yet, and must not serve anybody.
     listener = Node("robot_description_listener", context=context, use_global_arguments=False)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener)
-
-    def hear(message: Any) -> None:
-        heard.append(message.data)
-
-    listener.create_subscription(String, topic, hear, qos.LATCHED)
+    listener.create_subscription(String, topic, heard.append, qos.LATCHED)
     try:
         end = time.monotonic() + TIMEOUT_S
         while not heard and time.monotonic() < end:
@@ -75,5 +63,5 @@ def _heard(topic: str, context: Context) -> Path:
     folder = Path(tempfile.mkdtemp(prefix="tel_ros_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     file = folder / "robot_description.urdf"
-    file.write_text(heard[-1], encoding="utf-8")
+    file.write_text(heard[-1].data, encoding="utf-8")
     return file

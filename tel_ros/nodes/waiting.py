@@ -14,9 +14,9 @@ from rclpy.task import Future
 
 from tel_ros.core.errors import TelError, look_alikes
 
-_POLL_PERIOD_S = 0.1
 AGAIN_S = 5.0
 """A good time to ask again after."""
+_POLL_PERIOD_S = 0.1
 
 
 class NoAnswerError(TelError):
@@ -35,9 +35,9 @@ def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] =
     """Return a future's result; some other thread has to spin the node.
 
     Args:
-        future: what to wait for.
+        future: of the answer.
         timeout_s: wall clock.
-        what: for the message, as in "what did not answer".
+        what: is asked, for the message.
         poll: called ten times a second meanwhile; may raise to end the waiting.
 
     Raises:
@@ -68,8 +68,8 @@ def ask(
     Args:
         client: of the service.
         request: what to ask.
-        timeout_s: for the service to be there, and for its answer (wall clock).
-        poll: called ten times a second meanwhile; may raise to end the waiting.
+        timeout_s: for the service to be there, and for its answer.
+        poll: as for :func:`wait`.
         again_s: after how long without an answer to ask once more; only for what may be done twice.
 
     Raises:

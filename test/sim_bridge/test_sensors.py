@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sim_bridge.arm import SimulatedArm
 from sim_bridge.sensors import JointSensors
+from tel_ros.core.config import SimConfig
 
 MakeArm = Callable[..., SimulatedArm]
 
 PERIOD_S = 0.002
 
 
-def sensors(**changes: float) -> JointSensors:
-    """Make the sensors of one joint; exact unless asked otherwise."""
-    values = {"encoder_bits": 0, "noise_rad": 0.0, "velocity_filter_hz": 0.0, "seed": 1} | changes
-    return JointSensors(1, period_s=PERIOD_S, **values)
+def sensors(n_joints: int = 1, **sim: float) -> JointSensors:
+    """Make the sensors of a joint; exact unless asked otherwise."""
+    exact = SimConfig(encoder_bits=0, position_noise_rad=0.0, velocity_filter_hz=0.0)
+    return JointSensors(n_joints, replace(exact, **sim), period_s=PERIOD_S, seed=1)
 
 
 def test_exact_sensors_report_the_true_state(make_arm: MakeArm) -> None:
@@ -43,7 +45,7 @@ def test_an_encoder_reports_the_nearest_of_its_steps(make_arm: MakeArm, bits: in
 
 
 def test_noise_is_white_with_the_configured_deviation() -> None:
-    noisy = sensors(noise_rad=0.01)
+    noisy = sensors(position_noise_rad=0.01)
     readings = []
     for _ in range(20_000):
         noisy.update([0.5], [0.0])
@@ -55,7 +57,7 @@ def test_noise_is_white_with_the_configured_deviation() -> None:
 
 
 def test_noise_is_added_before_the_encoder_rounds() -> None:
-    noisy = sensors(noise_rad=0.01, encoder_bits=8)
+    noisy = sensors(position_noise_rad=0.01, encoder_bits=8)
     for _ in range(100):
         noisy.update([0.5], [0.0])
         steps = noisy.position_rad[0] / (2.0 * math.pi / 2**8)
@@ -72,7 +74,7 @@ def test_equal_seeds_give_equal_noise_and_others_do_not(make_arm: MakeArm) -> No
 
 
 def test_joints_have_noise_of_their_own() -> None:
-    pair = JointSensors(2, period_s=PERIOD_S, encoder_bits=0, noise_rad=0.01, velocity_filter_hz=0.0, seed=1)
+    pair = sensors(2, position_noise_rad=0.01)
     pair.update([0.0, 0.0], [0.0, 0.0])
     assert pair.position_rad[0] != pair.position_rad[1]
 
