@@ -32,7 +32,8 @@ class Progress:
     def begin(self, plan: PlannedTrial, preview: Sequence[Movement]) -> None:
         """Begin a trial, with what is to come after it as far as the strategy can tell."""
         duration_s = plan.movement.own_duration_s
-        self._planned_s = self._done_s + duration_s + sum(movement.own_duration_s for movement in preview)
+        to_come_s = duration_s + sum(movement.own_duration_s for movement in preview)
+        self._planned_s = self._done_s + to_come_s
         self._feedback = Practice.Feedback(
             trial=plan.index,
             trials=plan.index + len(preview),
