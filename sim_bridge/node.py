@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from rclpy.node import Node
@@ -46,9 +46,8 @@ class SimBridgeNode(Node):
     have gone by while the computer stood still pass at once, and one state tells where the arm is then.
 
     ``lockstep``: one period passes for every command that answers the newest state; the state is repeated
-    until one comes. Time stands still meanwhile, unless the arm is moving and nothing comes for long: then
-    this counts as silence. A controller is silent between trials as well, for as long as learning takes; what
-    it can have taken for rest is no motion (:class:`~sim_bridge.timing.Stillness`).
+    until one comes. Time stands still meanwhile, for as long as learning takes; but if nothing comes for long
+    while the arm moves (:class:`~sim_bridge.timing.Stillness`), this counts as silence.
 
     On silence the effort goes to zero and the arm coasts, in both; position drives hold the last set point.
     """
@@ -93,7 +92,7 @@ class SimBridgeNode(Node):
         )
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
-        on_command = self._on_command_in_lockstep if self._lockstep else self._on_command
+        on_command = partial(self._hear, self._on_command_in_lockstep if self._lockstep else self._on_command)
         self.busy_subscriptions = [busy_subscription(self, Float64MultiArray, command_topic, on_command)]
         apply_realtime_options(self, config.control)
         if self._lockstep:
@@ -128,22 +127,12 @@ class SimBridgeNode(Node):
         _, *arrays = reading
         self._states.publish(self._layout.packed(self._stamp_ns, *arrays))
 
-    def _step(self, command: Sequence[float]) -> bool:
-        """Let one period pass with a command; a command that cannot be used is ignored."""
+    def _hear(self, take: Callable[[CommandNumbers], None], raw: bytes) -> None:
+        """Take a command; what is none, or cannot be used, is ignored."""
         try:
-            self._arm.step(command)
-        except CommandError as error:
+            take(self._read_command(raw))
+        except (StateError, CommandError) as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
-            return False
-        return True
-
-    def _read(self, raw: bytes) -> CommandNumbers | None:
-        """Return a command; what is none is ignored."""
-        try:
-            return self._read_command(raw)
-        except StateError as error:
-            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
-            return None
 
     def _fall_silent(self, silence_s: float) -> None:
         self.get_logger().error(f"no command for {silence_s:.3f} s: {self._on_silence}")
@@ -164,19 +153,12 @@ class SimBridgeNode(Node):
 
     # In real time.
 
-    def _on_command(self, raw: bytes) -> None:
-        command = self._read(raw)
-        if command is None:
-            return
+    def _on_command(self, command: CommandNumbers) -> None:
         answered_ns = command.answered_ns
         age_ns = 0 if answered_ns is None else self._stamp_ns - answered_ns
         if 0 < self._oldest_ns < age_ns:
-            self.get_logger().error(
-                f"the command answers a state of {age_ns / NS_PER_S:.3f} s ago "
-                f"(limit {self._sim.command_age_limit_s:g} s); it is ignored",
-                throttle_duration_sec=COMPLAINT_PERIOD_S,
-            )
-            return
+            limit = f"(limit {self._sim.command_age_limit_s:g} s)"
+            raise CommandError(f"the command answers a state of {age_ns / NS_PER_S:.3f} s ago {limit}")
         if self._silent_periods >= self._watchdog_periods:
             self.get_logger().info("commands arrive")
         self._command, self._silent_periods = command.values, 0
@@ -214,20 +196,20 @@ class SimBridgeNode(Node):
             self._fall_silent(self._sim.watchdog_s)
             self._command = None
             self._arm.coast()
-        elif not self._step(self._command):
+            return
+        try:
+            self._arm.step(self._command)
+        except CommandError as error:
+            self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             self._arm.coast()
 
     # In lockstep.
 
-    def _on_command_in_lockstep(self, raw: bytes) -> None:
-        command = self._read(raw)
-        if command is None:
-            return
+    def _on_command_in_lockstep(self, command: CommandNumbers) -> None:
         answered_ns = command.answered_ns
         if answered_ns is not None and answered_ns != self._stamp_ns:
             return  # the answer to a repetition of a state that has been answered before
-        if not self._step(command.values):
-            return
+        self._arm.step(command.values)
         if self._coasting:
             self.get_logger().info("commands arrive")
             self._coasting = False
