@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -44,6 +45,7 @@ class ArmGuardNode(Node):
         self._state_at = time.monotonic()
         self._blind = config.arm_waits_for_commands
         self._takeovers = self._commands = 0
+        self.busy_subscriptions: list[Subscription] = []
         if config.arm_waits_for_commands:
             self.get_logger().warning("sim.clock is 'lockstep': the arm waits for commands, nothing to guard")
         else:
