@@ -101,8 +101,9 @@ class EpControllerNode(ManagedNode):
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
         self._channel = CommandChannel(self, self._interface)
-        states = topics.private(topics.CONTROL_STATES)
-        self._state_pub = self.create_publisher(ControlState, states, qos.STREAM)
+        self._state_pub = self.create_publisher(
+            ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
+        )
 
     def activate(self) -> None:
         """Open the channel, unless an emergency stop is latched."""
