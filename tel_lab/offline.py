@@ -143,12 +143,7 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
 
 
 class LearnerNetwork:
-    """A learner in this process, and its earlier states.
-
-    Args:
-        config: control rate and how to learn.
-        learner: to begin with.
-    """
+    """A learner in this process, and its earlier states."""
 
     def __init__(self, config: Config, learner: Learner) -> None:
         self._config = config
@@ -178,11 +173,7 @@ class LearnerNetwork:
 class OfflinePractice(AbstractContextManager["OfflinePractice"]):
     """A practice run: predict, execute, learn, and so on. Use it with ``with``.
 
-    Args:
-        config: as for a run of the ROS graph.
-        path: the configured path.
-        learner: what it begins with.
-        known_path: the path at shape 0; None if the shape does not vary.
+    The configuration is as for a run of the ROS graph. ``known_path``: at shape 0; None if it does not vary.
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
@@ -218,11 +209,9 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
         *,
         before_trial: Callable[[PlannedTrial], None] = lambda plan: None,
     ) -> list[PractisedTrial[Trial]]:
-        """Run all trials of a strategy.
+        """Run all trials of a strategy; None: the configured one.
 
-        Args:
-            strategy: what to try next; None: the configured one.
-            before_trial: is called with each plan before the learner is asked: the place to replace the arm.
+        ``before_trial`` is called with each plan before the learner is asked: the place to replace the arm.
 
         Raises:
             ConfigError: the configured movements are too fast for the arm; nothing has moved.

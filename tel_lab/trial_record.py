@@ -60,7 +60,7 @@ def practise(
         return trials, practice.ending
 
 
-def verdict(met: bool, wanted: str, found: str) -> str:
+def verdict(wanted: str, found: str, met: bool) -> str:
     """Return a judged target as a line of a list."""
     return f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
 

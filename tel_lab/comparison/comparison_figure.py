@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,8 +20,7 @@ _ROW_IN = 0.27
 _COLOURS = {"nothing": INK, "kinematics": INK, "model": ORANGE}
 _FAMILY = "tel_adaptive"
 _CAPTION = (
-    "Dots: medians over the arms; lines: their 95 % intervals; ticks below: single arms. Less is better.  "
-    + GIVEN_NOTE
+    "Dots: medians over the arms; lines: their 95 % intervals; ticks below: single arms. Less is better."
 )
 _DOTS_BELOW = 0.25
 """How far below a method's median its arms are drawn, in rows."""
@@ -37,7 +37,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     panels[0].set_ylim(len(specs) - 0.4, -0.6)
     for label, spec in zip(panels[0].get_yticklabels(), specs, strict=True):
         label.set_color(_colour(spec.name, spec.given))
-    figure.supxlabel(_CAPTION, x=0.0, ha="left", fontsize=7.0, color=SOFT)
+    figure.supxlabel(f"{_CAPTION}  {GIVEN_NOTE}", x=0.0, ha="left", fontsize=7.0, color=SOFT)
     return figure
 
 
@@ -60,9 +60,8 @@ def _draw(axes: Axes, comparison: Comparison, column: MeritColumn) -> None:
         colour = _colour(spec.name, spec.given)
         found = middle(comparison, column, spec.name)
         if found is None:
-            axes.text(
-                0.5, row, NONE, transform=axes.get_yaxis_transform(), ha="center", va="center", color=SOFT
-            )
+            where = axes.get_yaxis_transform()
+            axes.text(0.5, row, NONE, transform=where, ha="center", va="center", color=SOFT)
             continue
         arms = [place(value) for value in values(comparison, column, spec.name)]
         axes.plot(arms, np.full(len(arms), row + _DOTS_BELOW), "|", color=GREY, markersize=3.5, clip_on=False)
@@ -97,18 +96,10 @@ def _set_up(axes: Axes, limits: tuple[float, float], column: MeritColumn, never:
     axes.tick_params(axis="y", length=0.0)
     if never:
         axes.axvline(edge, color=SOFT, linewidth=0.6, linestyle=(0, (2.0, 2.0)))
+        below_ticks = {"xytext": (0.0, -14.0), "textcoords": "offset points"}
+        look: dict[str, Any] = {"ha": "center", "va": "top", "color": SOFT, "size": 7.0, **below_ticks}
         word = "aborted" if column.in_mrad else NEVER
-        axes.annotate(
-            word,
-            (edge, 0.0),
-            xycoords=axes.get_xaxis_transform(),
-            xytext=(0.0, -14.0),  # below the labels of the ticks
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            color=SOFT,
-            size=7.0,
-        )
+        axes.annotate(word, (edge, 0.0), xycoords=axes.get_xaxis_transform(), **look)
     return edge
 
 

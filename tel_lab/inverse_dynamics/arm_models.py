@@ -45,22 +45,23 @@ class TwoLinkArm:
 
     def urdf(self) -> str:
         """Return its description, with the right inertias."""
-        robot = ElementTree.Element("robot", name="two_link")
-        ElementTree.SubElement(robot, "link", name="base")
-        parent, at_m = "base", 0.0
-        for i, joint in enumerate(("shoulder", "elbow")):
-            link = f"link_{i + 1}"
-            _add_joint(robot, joint, "revolute", parent, link, at_m)
-            inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=link), "inertial")
-            ElementTree.SubElement(inertial, "origin", xyz=f"{0.5 * self.length_m[i]} 0 0")
-            ElementTree.SubElement(inertial, "mass", value=str(self.mass_kg[i]))
-            moment = str(self.inertia_kgm2[i])
-            moments = dict.fromkeys(("ixx", "iyy", "izz"), moment)
-            ElementTree.SubElement(inertial, "inertia", moments, ixy="0", ixz="0", iyz="0")
-            parent, at_m = link, self.length_m[i]
-        _add_joint(robot, "hand_mount", "fixed", parent, "hand", at_m)
-        ElementTree.SubElement(robot, "link", name="hand")
-        return ElementTree.tostring(robot, encoding="unicode")
+        limit = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="20" velocity="15"/>'
+        text, parent, at_m = '<link name="base"/>', "base", 0.0
+        for name, child, kind, more in (
+            ("shoulder", "link_1", "revolute", limit),
+            ("elbow", "link_2", "revolute", limit),
+            ("hand_mount", "hand", "fixed", ""),
+        ):
+            text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            text += f'<origin xyz="{at_m} 0 0"/>{more}</joint>'
+            parent = child
+            if child != "hand":
+                i = int(child[-1]) - 1
+                at_m, moment = self.length_m[i], self.inertia_kgm2[i]
+                text += f'<link name="{child}"><inertial><origin xyz="{0.5 * at_m} 0 0"/>'
+                text += f'<mass value="{self.mass_kg[i]}"/><inertia ixx="{moment}" iyy="{moment}" '
+                text += f'izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        return f'<robot name="two_link">{text}<link name="hand"/></robot>'
 
     def joint_motion(self, hand: Derivatives) -> FloatArray:
         """Return the joints' motion for a motion of the hand in the plane, the elbow bent to the left.
@@ -112,7 +113,7 @@ def with_wrong_inertias(urdf: str) -> str:
     Masses and moments change by factors from 1.4 to 3, up or down, centres of mass by up to 5 cm in each
     direction. What is said about friction is dropped, and so are shapes, which inertias could be guessed by.
     """
-    robot, rng = ElementTree.fromstring(without_shapes(urdf)), np.random.default_rng(4)
+    robot, rng = _without(urdf, *_SHAPES, ("joint", "dynamics")), np.random.default_rng(4)
     for inertial in robot.iterfind("link/inertial"):
         mass_factor, moment_factor = 3.0 ** (rng.choice((-1.0, 1.0), 2) * rng.uniform(0.3, 1.0, 2))
         shift_m = rng.uniform(-0.05, 0.05, 3)
@@ -122,35 +123,24 @@ def with_wrong_inertias(urdf: str) -> str:
         if origin is not None:
             centre_m = np.array(origin.get("xyz", "0 0 0").split(), dtype=np.float64) + shift_m
             origin.set("xyz", " ".join(map(repr, centre_m.tolist())))
-    for joint in robot.iterfind("joint"):
-        _remove_all(joint, "dynamics")
     return ElementTree.tostring(robot, encoding="unicode")
 
 
 def without_shapes(urdf: str) -> str:
     """Return a URDF without what its links look like and collide with."""
+    return ElementTree.tostring(_without(urdf, *_SHAPES), encoding="unicode")
+
+
+_SHAPES = (("link", "visual"), ("link", "collision"))
+
+
+def _without(urdf: str, *places: tuple[str, str]) -> ElementTree.Element:
     robot = ElementTree.fromstring(urdf)
-    for link in robot.iterfind("link"):
-        _remove_all(link, "visual")
-        _remove_all(link, "collision")
-    return ElementTree.tostring(robot, encoding="unicode")
-
-
-def _add_joint(
-    robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, at_m: float
-) -> None:
-    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    ElementTree.SubElement(joint, "origin", xyz=f"{at_m} 0 0")
-    if kind != "fixed":
-        ElementTree.SubElement(joint, "axis", xyz="0 0 1")
-        ElementTree.SubElement(joint, "limit", lower="-3", upper="3", effort="20", velocity="15")
-
-
-def _remove_all(element: ElementTree.Element, tag: str) -> None:
-    for child in element.findall(tag):
-        element.remove(child)
+    for tag, child_tag in places:
+        for element in robot.iterfind(tag):
+            for child in element.findall(child_tag):
+                element.remove(child)
+    return robot
 
 
 def _scale(element: ElementTree.Element | None, keys: Iterable[str], factor: float) -> None:

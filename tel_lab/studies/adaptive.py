@@ -207,7 +207,7 @@ def section(name: str, run: Run) -> tuple[str, list[bool]]:
     """Return the part of the page about a scenario, and which of its targets are met."""
     scenario = SCENARIOS[name]
     judged = [(wanted, *target(run)) for wanted, target in scenario.targets.items()]
-    verdicts = "\n".join(verdict(met, wanted, found) for wanted, found, met in judged)
+    verdicts = "\n".join(verdict(*each) for each in judged)
     changes = " ".join(f"`{text}`" for text in scenario.overrides) or "As configured"
     if scenario.change:
         values = " ".join(f"`sim.{key}={value:g}`" for key, value in scenario.change.sim.items())

@@ -115,47 +115,33 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
     free = on_schedule(file, MODEL_FREE_REPEATS)
     friction_nm = [0.01 * limit for limit in free.config.arm.effort_limit_nm]
     rigid = on_schedule(file, RIGID_BODY_REPEATS, "learning.name=rigid_body")
-    rough = on_schedule(
-        file, RIGID_BODY_REPEATS, "learning.name=rigid_body", f"sim.coulomb_friction_nm={friction_nm}"
-    )
+    friction = f"sim.coulomb_friction_nm={friction_nm}"
+    rough = on_schedule(file, RIGID_BODY_REPEATS, "learning.name=rigid_body", friction)
     runs = {"model-free": free, "rigid body": rigid, "rigid body, dry friction": rough}
     without, first, last = rms_mrad(start), rms_mrad(free.first), rms_mrad(free.last)
     one, more = worst_joint_mrad(rigid.first), worst_joint_mrad(rigid.last)
     rubbed = worst_joint_mrad(rough.first), worst_joint_mrad(rough.last)
+
+    def share(mrad: float) -> str:
+        return f"{mrad:.2f} mrad, 1/{without / mrad:.0f}"
+
+    wanted_first = "first trial at goal speed at most 1/30 of the unlearned error"
+    wanted_at_once = "rigid body: at most 3 mrad a joint in the first trial at goal speed"
+    wanted_later = f"rigid body: at most 1 mrad a joint after {rigid.repeats} repeats"
+    rubbed_text = f"{rubbed[0]:.2f}, then {rubbed[1]:.2f} mrad"
+    limits = "no abort, nothing clipped, no joint out of its range"
     judged = [
-        verdict(
-            first <= without / 30,
-            "first trial at goal speed at most 1/30 of the unlearned error",
-            f"{first:.2f} mrad, 1/{without / first:.0f}",
-        ),
-        verdict(
-            last <= without / 100,
-            f"at most 1/100 after {free.repeats} repeats",
-            f"{last:.2f} mrad, 1/{without / last:.0f}",
-        ),
-        verdict(
-            one <= 3.0,
-            "rigid body: at most 3 mrad a joint in the first trial at goal speed",
-            f"{one:.2f} mrad",
-        ),
-        verdict(
-            more <= 1.0,
-            f"rigid body: at most 1 mrad a joint after {rigid.repeats} repeats",
-            f"{more:.2f} mrad",
-        ),
-        verdict(
-            max(rubbed) <= 3.0,
-            "rigid body, with dry friction: at most 3 mrad a joint",
-            f"{rubbed[0]:.2f}, then {rubbed[1]:.2f} mrad",
-        ),
+        (wanted_first, share(first), first <= without / 30),
+        (f"at most 1/100 after {free.repeats} repeats", share(last), last <= without / 100),
+        (wanted_at_once, f"{one:.2f} mrad", one <= 3.0),
+        (wanted_later, f"{more:.2f} mrad", more <= 1.0),
+        ("rigid body, with dry friction: at most 3 mrad a joint", rubbed_text, max(rubbed) <= 3.0),
     ]
-    for name, run in runs.items():
-        within = run.within_limits
-        wanted = f"{name}: no abort, nothing clipped, no joint out of its range"
-        judged.append(verdict(within, wanted, "so" if within else "not so"))
+    kept = {name: run.within_limits for name, run in runs.items()}
+    judged += [(f"{name}: {limits}", "so" if met else "not so", met) for name, met in kept.items()]
     head = f"Unlearned at the goal speed, without speed limits: {rms_mrad(start):.2f} mrad RMS "
     head += f"({worst_joint_mrad(start):.2f}), {start.trial.report.outcome.name.lower()}."
-    return f"{head}\n\n{table(runs)}", judged
+    return f"{head}\n\n{table(runs)}", [verdict(*each) for each in judged]
 
 
 def planar(file: str) -> tuple[str, list[str]]:
@@ -173,15 +159,14 @@ def planar(file: str) -> tuple[str, list[str]]:
     text = f"Unlearned at the goal speed: {rms_mrad(start):.2f} mrad RMS. {ending.message}.\n\n{rows}"
     met = ending.outcome == "completed" and rms_mrad(trials[-1]) <= 5.0 and len(trials) <= 7
     found = f"{ending.outcome}, {rms_mrad(trials[-1]):.2f} mrad after {len(trials)} trials"
-    return text, [verdict(met, "as the two-joint arm: 4.5 s within 7 trials at 5 mrad or less", found)]
+    return text, [verdict("as the two-joint arm: 4.5 s within 7 trials at 5 mrad or less", found, met)]
 
 
 def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
     """Return text and verdicts of a goal that the effort limits do not allow."""
     overrides = ["practice.strategy=adaptive_extension", f"practice.goal_duration_s={goal_s}"]
-    config = load_config(
-        CONFIGS / file, [*overrides, "learning.name=rigid_body", "practice.tolerance_rad=0.001"]
-    )
+    overrides += ["learning.name=rigid_body", "practice.tolerance_rad=0.001"]
+    config = load_config(CONFIGS / file, overrides)
     arm, path = config.arm, load_path(config.path, config.arm)
     exact = ExactInverseDynamics(config, config.sim)
     fastest_s = duration_at_effort_share(arm, exact, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
@@ -194,7 +179,7 @@ def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
         f"{ending.message}"
     )
     wanted = f"asked for {goal_s} s, practice stops within 5 % of the fastest that the effort limits allow"
-    return f"Adaptive, rigid body, goal {goal_s} s.", [verdict(met, wanted, found)]
+    return f"Adaptive, rigid body, goal {goal_s} s.", [verdict(wanted, found, met)]
 
 
 ARMS: dict[str, Callable[[], tuple[str, list[str]]]] = {

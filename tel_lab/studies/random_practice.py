@@ -110,17 +110,10 @@ def practise(config: Config, seed: int) -> Result:
             outcome, message = str(practice.ending.outcome), practice.ending.message
     except Exception as error:  # One seed that fails must not hide how the others went.
         outcome, message = "failed", f"{type(error).__name__}: {error}"
-    return Result(
-        seed=seed,
-        sim=varied.sim,
-        goal_s=goal_s,
-        effort_share=effort_share(varied.arm, ExactInverseDynamics(varied, varied.sim), path, goal_s),
-        exact_rms_rad=exact_trial(varied, path, goal_s).rms_error_rad,
-        outcome=outcome,
-        message=message,
-        trials=tuple(trials),
-        wall_s=time.monotonic() - started,
-    )
+    share = effort_share(varied.arm, ExactInverseDynamics(varied, varied.sim), path, goal_s)
+    exact_rms_rad = exact_trial(varied, path, goal_s).rms_error_rad
+    wall_s = time.monotonic() - started
+    return Result(seed, varied.sim, goal_s, share, exact_rms_rad, outcome, message, tuple(trials), wall_s)
 
 
 OUTCOMES = {
@@ -191,6 +184,8 @@ def page(results: Sequence[Result], config: Config, command: str) -> str:
     later = [max(t.excursion_rad for t in r.trials[1:]) for r in results if len(r.trials) > 1]
     beyond_rad = 2.0 * control.path_tolerance_rad
 
+    off = "off its path by more than twice the tolerance"
+
     def count(holds: Callable[[TrialRecord], bool]) -> str:
         return f"{sum(map(holds, trials))} of {len(trials)}"
 
@@ -200,10 +195,7 @@ def page(results: Sequence[Result], config: Config, command: str) -> str:
             for outcome, (_, _, words) in OUTCOMES.items()
         ),
         ("trials that were aborted", count(lambda t: not t.completed)),
-        (
-            "trials in which a joint was off its path by more than twice the tolerance",
-            count(lambda t: t.excursion_rad > beyond_rad),
-        ),
+        (f"trials in which a joint was {off}", count(lambda t: t.excursion_rad > beyond_rad)),
         ("trials in which an effort was clipped", count(lambda t: t.report.saturated_ratio > 0)),
         ("trials until the tolerance was reached", _spread([len(r.trials) for r in reached], "{:.0f}")),
         ("last RMS error where it was reached [mrad]", _spread([r.final_rms_mrad for r in reached])),

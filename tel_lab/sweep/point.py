@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.practice.strategy import Ending, PlannedTrial
+from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
@@ -73,15 +73,26 @@ def failure(message: str) -> dict[str, Any]:
 def _practised(config: Config) -> dict[str, Any]:
     # Late: the physics are loaded in workers, not by the command line.
     from tel_lab.exact_model import ExactInverseDynamics
+    from tel_lab.offline import OfflinePractice
     from tel_lab.trial_record import effort_share
 
     path, exact = load_path(config.path, config.arm), ExactInverseDynamics(config, config.sim)
     # At 100 Hz: often enough to find the peak of the effort of a smooth movement.
     effort_ratio = effort_share(config.arm, exact, path, config.practice.goal_duration_s, 100.0)
     done: list[PractisedTrial[Trial]] = []
+
+    class Practice(OfflinePractice):
+        """Gives the trials one by one, so that they are there if one of them raises."""
+
+        def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
+            done.append(super().run_trial(plan))
+            return done[-1]
+
     try:
-        ending = _run(config, done)
-        outcome, message = str(ending.outcome), ending.message
+        with Practice(config, path, new_network(config)) as practice:
+            practice.run()
+        assert practice.ending is not None  # it has run
+        outcome, message = str(practice.ending.outcome), practice.ending.message
     except TelError as error:
         if not done:
             raise
@@ -93,21 +104,6 @@ def _practised(config: Config) -> dict[str, Any]:
         **_warnings(done, config.practice.tolerance_rad),
         "goal_effort_ratio": _number(effort_ratio),
     }
-
-
-def _run(config: Config, done: list[PractisedTrial[Trial]]) -> Ending:
-    """Practise; ``done`` gets the trials one by one, so that they are there if one of them raises."""
-    from tel_lab.offline import OfflinePractice
-
-    class Practice(OfflinePractice):
-        def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
-            done.append(super().run_trial(plan))
-            return done[-1]
-
-    with Practice(config, load_path(config.path, config.arm), new_network(config)) as practice:
-        practice.run()
-        assert practice.ending is not None  # it has run
-        return practice.ending
 
 
 def _of_trials(done: Sequence[PractisedTrial[Trial]]) -> dict[str, Any]:

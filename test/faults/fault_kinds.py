@@ -293,14 +293,8 @@ _ENDINGS = (
         setups=EVERYWHERE,
     ),
     _ending(
-        *(
-            "interrupt",
-            "SIGINT to `tel practice`",
-            "interrupted",
-            (130,),
-            _sent("tel", signal.SIGINT),
-            _BRAKES,
-        ),
+        *("interrupt", "SIGINT to `tel practice`", "interrupted", (130,)),
+        *(_sent("tel", signal.SIGINT), _BRAKES),
         setups=EVERYWHERE,
     ),
     _called("emergency_stop", "The arm is braked and released; the run ends and says why.", expects="stop"),
@@ -335,11 +329,8 @@ _ENDINGS = (
     ),
     _ending(
         *("recorder_file_limit", "no file of trial_recorder can grow any more (EFBIG)"),
-        *(
-            "File too large|room on the disk",
-            (1, 3),
-            lambda graph, values: graph.limit_files("trial_recorder"),
-        ),
+        *("File too large|room on the disk", (1, 3)),
+        lambda graph, values: graph.limit_files("trial_recorder"),
         "As a full disk, for the recorder alone.",
         setups=("planar", *LOCKSTEP),
     ),

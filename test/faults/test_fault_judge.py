@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -30,6 +30,8 @@ BODY = Body(
     soft_max_rad=np.array([1.9]),
 )
 """A joint of 1 kg·m² without a weight."""
+WEIGHTY = replace(BODY, torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2 + 3.0)
+"""The same joint with a weight of 3 N·m: it may give back half of 2 g² / K = 1.2 J after a fall."""
 STOP = Episode(
     expects="stop",
     trial=1,
@@ -43,6 +45,13 @@ STOP = Episode(
 )
 
 
+def traced(position_rad: np.ndarray, velocity_rad_s: object, effort_nm: object) -> Trace:
+    """Return a trace of N samples of one joint; velocity and effort may be numbers."""
+    stamps_ns = np.round(np.arange(len(position_rad)) * PERIOD_S * 1e9).astype(np.int64)
+    columns = np.broadcast_arrays(position_rad, velocity_rad_s, effort_nm)
+    return Trace(stamps_ns, *(np.array(column, dtype=float)[:, None] for column in columns))
+
+
 def moved(effort_nm: np.ndarray, speed_rad_s: float = 1.0, drag: float = 0.0) -> Trace:
     """Return what a joint of 1 kg·m² does under given efforts. Shape of the efforts: (n,)."""
     position, velocity = np.zeros(len(effort_nm)), np.zeros(len(effort_nm))
@@ -50,8 +59,7 @@ def moved(effort_nm: np.ndarray, speed_rad_s: float = 1.0, drag: float = 0.0) ->
     for k in range(1, len(effort_nm)):
         velocity[k] = velocity[k - 1] + PERIOD_S * (effort_nm[k] - drag * velocity[k - 1])
         position[k] = position[k - 1] + PERIOD_S * velocity[k]
-    time_ns = np.round(np.arange(len(effort_nm)) * PERIOD_S * 1e9).astype(np.int64)
-    return Trace(time_ns, position[:, None], velocity[:, None], effort_nm[:, None])
+    return traced(position, velocity, effort_nm)
 
 
 def braked(delay_s: float, drive_nm: float = 1.0) -> Trace:
@@ -107,27 +115,17 @@ def test_an_arm_that_swings_in_its_springs_without_end_is_not_held() -> None:
 
 def test_an_arm_that_sinks_against_a_weak_brake_is_not_held() -> None:
     """Gravity does the work and the motors only brake, but the arm goes on and on."""
-    n = np.arange(N)
-    sinking = Trace(
-        np.round(n * PERIOD_S * 1e9).astype(np.int64),
-        (0.5 * n * PERIOD_S)[:, None],
-        np.full((N, 1), 0.25),
-        np.full((N, 1), -10.0),
-    )
-    verdict = judged(sinking, falls=True)
+    verdict = judged(traced(0.5 * np.arange(N) * PERIOD_S, 0.25, -10.0), falls=True)
     assert [text for text in verdict.violations if "went on for" in text]
 
 
 def test_a_joint_may_go_as_far_as_its_energy_drives_its_spring_and_no_further() -> None:
     n, first = np.arange(N), 80  # 0.32 s: 0.12 s after the fault
     out = np.clip((n - first) * PERIOD_S, 0.0, None)
-    stamps = np.round(n * PERIOD_S * 1e9).astype(np.int64)
 
     def caught(reach_rad: float) -> Verdict:
         position = reach_rad * np.minimum(out / 0.2, 1.0)
-        velocity = np.where(n <= first, 1.0, 0.0)
-        effort = np.where(n < first, 0.0, -1e-3)
-        return judged(Trace(stamps, position[:, None], velocity[:, None], effort[:, None]))
+        return judged(traced(position, np.where(n <= first, 1.0, 0.0), np.where(n < first, 0.0, -1e-3)))
 
     explained_rad = np.sqrt(2.0 * (0.5 + 0.05) / 15.0)
     assert caught(0.98 * explained_rad).violations == ()
@@ -135,20 +133,14 @@ def test_a_joint_may_go_as_far_as_its_energy_drives_its_spring_and_no_further() 
 
 
 def test_a_weight_may_sag_by_twice_what_it_deflects_its_spring() -> None:
-    weighty = replace(BODY, torque_nm=lambda q, a: a + 3.0)
-    assert weighty.reach_rad(np.zeros(1), 0.0) == pytest.approx(2.0 * 3.0 / 15.0)
-    assert weighty.kinetic_energy_j(np.zeros((1, 1)), np.array([[2.0]])) == pytest.approx(2.0)
+    assert WEIGHTY.reach_rad(np.zeros(1), 0.0) == pytest.approx(2.0 * 3.0 / 15.0)
+    assert WEIGHTY.kinetic_energy_j(np.zeros((1, 1)), np.array([[2.0]])) == pytest.approx(2.0)
 
 
 def test_how_far_a_brake_gives_way_counts_from_when_it_has_its_states_again() -> None:
-    n = np.arange(N)
-    slides = np.minimum(0.5 * n * PERIOD_S, 0.6)  # until 1.2 s
-    trace = Trace(
-        np.round(n * PERIOD_S * 1e9).astype(np.int64),
-        slides[:, None],
-        np.where(n * PERIOD_S < 1.2, 0.25, 0.0)[:, None],
-        np.full((N, 1), -0.1),
-    )
+    time_s = np.arange(N) * PERIOD_S
+    slides = np.minimum(0.5 * time_s, 0.6)  # until 1.2 s
+    trace = traced(slides, np.where(time_s < 1.2, 0.25, 0.0), -0.1)
     assert judged(trace).violations
     assert judged(trace, calm_ns=round(1.2e9)).violations == ()
 
@@ -158,8 +150,7 @@ def test_an_arm_that_was_held_and_is_let_go_may_fall_into_the_soft_walls() -> No
     position = 2.0 * np.clip(time_s - 1.0, 0.0, 0.5) ** 2  # falls from 1 s to 1.5 s by half a radian
     effort = np.where(time_s < 1.0, -0.1, 0.0)
     effort[time_s > 1.5] = -0.1
-    stamps = np.round(time_s * 1e9).astype(np.int64)
-    release = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    release = traced(position, 0.0, effort)
     assert judged(release, falls=True).violations == ()
     held_by_little = replace(release, effort_nm=np.full((N, 1), -0.1))
     assert any("went on for" in text for text in judged(held_by_little, falls=True).violations)
@@ -174,18 +165,13 @@ def test_springs_that_catch_a_falling_arm_may_give_back_some_of_its_energy() -> 
     assert not any("drove the arm until" in text for text in judged(falling, falls=True).violations)
 
 
-WEIGHTY = replace(BODY, torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2 + 3.0)
-"""The same joint with a weight of 3 N·m: it may give back half of 2 g² / K = 1.2 J after a fall."""
-
-
 @pytest.mark.parametrize(("work_j", "is_driven"), [(0.5, False), (0.8, True)])
 def test_springs_that_catch_what_fell_may_lift_its_weight_once_more(work_j: float, is_driven: bool) -> None:
     position, effort = np.zeros(N), np.zeros(N)
     effort[200:210] = 1e-9  # caught 0.6 s after the fault
     effort[210] = 10.0
     position[210:] = work_j / effort[210]
-    stamps = np.round(np.arange(N) * PERIOD_S * 1e9).astype(np.int64)
-    lifted = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
+    lifted = traced(position, 0.0, effort)
 
     def drove(trace: Trace) -> bool:
         found = judged(trace, falls=True, body=WEIGHTY).violations
@@ -196,7 +182,8 @@ def test_springs_that_catch_what_fell_may_lift_its_weight_once_more(work_j: floa
     held_before = effort.copy()
     held_before[:55] = 1e-9
     heard = np.r_[:55, 197:N]
-    gap = Trace(stamps[heard], position[heard, None], np.zeros((len(heard), 1)), held_before[heard, None])
+    whole = traced(position, 0.0, held_before)
+    gap = Trace(*(getattr(whole, field.name)[heard] for field in fields(Trace)[:-1]))
     assert drove(gap) == is_driven
     effort[:200] = 1e-9  # held all the time: it never fell
     assert drove(replace(lifted, effort_nm=effort[:, None]))
@@ -212,9 +199,7 @@ def test_soft_limits_may_lift_back_what_fell_beyond_them(
     effort[200:210] = 1e-9
     effort[210] = -10.0
     position[210:] -= work_j / 10.0
-    stamps = np.round(np.arange(N) * PERIOD_S * 1e9).astype(np.int64)
-    lifted = Trace(stamps, position[:, None], np.zeros((N, 1)), effort[:, None])
-    found = judged(lifted, falls=True, body=WEIGHTY).violations
+    found = judged(traced(position, 0.0, effort), falls=True, body=WEIGHTY).violations
     assert any("drove the arm until" in text for text in found) == is_driven
 
 
