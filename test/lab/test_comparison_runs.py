@@ -14,6 +14,7 @@ from tel_lab.comparison.compare_command import compare
 from tel_lab.comparison.method_runs import Task, method_config, new_movement, run_method
 from tel_lab.comparison.methods import METHODS, chosen, goal_movement
 from tel_lab.comparison.results import MethodRun
+from tel_ros.app.cli import main as tel
 from tel_ros.core.errors import ConfigError
 
 CONFIG = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
@@ -126,7 +127,7 @@ def test_wrong_input_ends_with_code_2_and_one_line(options: list[str], said: str
 
 
 def test_a_missing_configuration_is_named() -> None:
-    result = CliRunner().invoke(compare, ["nowhere.yaml"])
+    result = CliRunner().invoke(tel, ["compare", "nowhere.yaml"])
     assert result.exit_code == 2
     assert "nowhere.yaml" in result.stderr
 
