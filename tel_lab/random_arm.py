@@ -20,15 +20,9 @@ NOMINAL_VISCOUS_FRICTION_NMS_PER_RAD = 0.05
 class ArmVariation:
     """How far random arms are from the configured one. All are (lowest, highest).
 
-    Factors are drawn evenly in their logarithm, everything else evenly; frictions for each joint on its own.
-
-    Args:
-        inertia: factor on ``inertia_scale``, that is on the masses and inertias of all links.
-        viscous_friction: factor on the viscous friction.
-        added_payload_kg: is added to the payload.
-        added_coulomb_friction_nm: is added to the Coulomb friction, which is 0 where the configuration leaves
-            it to the URDF.
-        position_noise_rad: standard deviation; replaces the configured one.
+    Inertia and viscous friction are factors, drawn evenly in their logarithm, everything else evenly;
+    frictions for each joint on its own. The Coulomb friction that is added to is 0 where the configuration
+    leaves it to the URDF; the noise replaces the configured one.
     """
 
     inertia: Range

@@ -97,12 +97,7 @@ def _error(trial: TrialResult) -> float:
 
 @dataclass(frozen=True)
 class MeritColumn:
-    """A figure of merit; less is better.
-
-    Args:
-        key: name of a property of :class:`MethodRun`; angles in rad end in ``_rad`` and are shown in mrad.
-        title: for tables.
-    """
+    """A figure of merit, a property of :class:`MethodRun`; less is better. Angles are shown in mrad."""
 
     key: str
     title: str

@@ -12,21 +12,14 @@ from tel_ros.core.learning.signals import TrialSignals
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import FloatArray
 
-_PADDING_PERIODS = 3.0
-"""How far the filter holds a command beyond both ends, in periods of the cutoff."""
-
 
 def zero_phase(command_rad: FloatArray, cutoff_hz: float, period_s: float) -> FloatArray:
     """Return a command without its fast parts: Butterworth of order 2, forwards and backwards.
 
-    Beyond both ends the command goes on at its first and last value, as the controller holds it.
-
-    Args:
-        command_rad: shape (n, n_joints).
-        cutoff_hz: -3 dB of one pass; below half of the sampling rate.
-        period_s: from row to row.
+    Beyond both ends the command goes on at its first and last value, as the controller holds it. The cutoff
+    is -3 dB of one pass, below half of the sampling rate.
     """
-    width = round(_PADDING_PERIODS / cutoff_hz / period_s)
+    width = round(3.0 / cutoff_hz / period_s)  # three periods of the cutoff
     held = np.pad(command_rad, ((width, width), (0, 0)), mode="edge")
     filtered: FloatArray = sosfiltfilt(butter(2, cutoff_hz, fs=1.0 / period_s, output="sos"), held, axis=0)
     return filtered[width : len(filtered) - width]
@@ -37,11 +30,6 @@ class StoredCommand(ABC):
 
     After a trial that was aborted it goes back to the last command that was completed and makes half as large
     corrections from then on (ours: with the same correction the same trial would be aborted for ever).
-
-    Args:
-        desired: the movement.
-        initial_rad: the command to begin with. Shape (n, n_joints).
-        period_s: from command to command.
     """
 
     learns, transfers = True, False

@@ -18,11 +18,7 @@ from tel_ros.core.types import FloatArray
 class TwoLinkArm:
     """A two-joint arm with vertical axes, in formulas: M(q) q̈ + h(q, q̇) + b q̇ = τ.
 
-    Args:
-        length_m: of the links; each has its centre of mass in its middle.
-        mass_kg: of the links.
-        inertia_kgm2: of the links about their centres of mass.
-        viscous_nms_per_rad: b of the joints.
+    Each link has its centre of mass in its middle, and its inertia about that.
     """
 
     length_m: tuple[float, float]
@@ -64,13 +60,9 @@ class TwoLinkArm:
         return f'<robot name="two_link">{text}<link name="hand"/></robot>'
 
     def joint_motion(self, hand: Derivatives) -> FloatArray:
-        """Return the joints' motion for a motion of the hand in the plane, the elbow bent to the left.
+        """Return q, q̇, q̈ of shape (n, 6) for a motion of the hand in the plane, the elbow bent to the left.
 
-        Args:
-            hand: position [m], velocity [m/s], acceleration [m/s²] of the hand, each of shape (n, 2).
-
-        Returns:
-            q, q̇, q̈. Shape (n, 6).
+        Its position [m], velocity and acceleration are each of shape (n, 2).
         """
         (l1, l2), (p, v, a) = self.length_m, hand
         q2 = np.arccos((np.sum(p**2, axis=1) - l1**2 - l2**2) / (2.0 * l1 * l2))

@@ -36,11 +36,8 @@ OURS: dict[str, dict[str, Any]] = {
 class Effort:
     """How much the baselines may work.
 
-    Args:
-        gp_samples: of a Gaussian process, at most; taken evenly from all trials.
-        gp_tuning_samples: those of them with which its hyperparameters are found.
-        gp_iterations: of that search, at most.
-        mlp_steps: of Adam, with 200 samples each, however many samples there are.
+    At most so many samples of a Gaussian process, taken evenly from all trials; those of them with which its
+    hyperparameters are found, in so many iterations; and steps of Adam with 200 samples each.
     """
 
     gp_samples: int = 1000

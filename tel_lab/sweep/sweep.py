@@ -80,11 +80,8 @@ class SweepFolder:
 class Sweep:
     """The points of a plan, and what is known of them.
 
-    Args:
-        config_file: configuration of the practice runs.
-        plan: what to go through.
-        out: folder of results; None: one named after the configuration and the points in ``bags/``, so that
-            the same command finds it again.
+    The folder of results, if none is given, is one in ``bags/`` named after the configuration and the points,
+    so that the same command finds it again.
 
     Raises:
         InputFileError: a file is missing or unreadable, or the folder cannot be used.

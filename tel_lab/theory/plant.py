@@ -82,10 +82,8 @@ class FittedPlant:
     produce ŷ, so the command that y needs is u ≈ û + (y - ŷ as a change of command). And it does not share
     the network's mistakes, which is the point: the network cannot tell how wrong it is itself.
 
-    Args:
-        input_range: units of the inputs.
-        normal: sums of products of inputs. Shape (3 * n_joints + 1, 3 * n_joints + 1).
-        moment: sums of products of inputs and outputs. Shape (3 * n_joints + 1, n_joints).
+    ``normal`` sums products of inputs, shape (3 * n_joints + 1, 3 * n_joints + 1); ``moment`` those of inputs
+    and outputs.
     """
 
     input_range: InputRange

@@ -91,15 +91,11 @@ class Episode:
     """What is to be judged.
 
     Args:
-        expects: what is right.
-        trial: in which the fault came.
         fault_ns: arm time from which the fault can be noticed.
         end_ns: arm time of the last sample that belongs to it.
-        completed: whether the trial was completed.
         work_tolerance_j: see the module.
         falls: whether gravity moves the arm when its motors are off.
         calm_ns: arm time from which nothing is disturbed any more: before, a brake may lack its states.
-        body: of the arm.
     """
 
     expects: Expectation
