@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -94,7 +95,9 @@ class CommandGroup(LazyGroup):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = _one_line
+                return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except KeyboardInterrupt:
@@ -109,6 +112,11 @@ class CommandGroup(LazyGroup):
             end(f"this {missing_module(error)}", EXIT_GRAPH_FAILED)
         except Exception as error:
             _end_unexpected(error)
+
+
+def _one_line(message: Warning | str, *where: object) -> None:
+    """Show a warning as a person reads it: without the line of code that gave it."""
+    click.echo(f"warning: {message}", err=True)
 
 
 def missing_module(error: ModuleNotFoundError) -> str:

@@ -54,7 +54,10 @@ def check_before_moving(config: Config) -> None:
         ConfigError: the learner is not known or cannot do what is asked; the movement leaves
             the range of a joint or is too fast for it.
         InputFileError: the file of waypoints is missing or malformed.
+        ModuleNotFoundError: PyBullet is missing, which the simulated arm needs.
     """
+    if config.run.arm == "sim":
+        require_simulator()
     new_network(config)
     path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
     strategy = make_strategy(config)
@@ -92,8 +95,6 @@ def practise(
         KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
     """
     check_before_moving(config)
-    if config.run.arm == "sim":
-        require_simulator()
     with _client_node(config, namespace) as node:
         create_run_folder(folder, config)
         with run_lock(folder):

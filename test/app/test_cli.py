@@ -124,6 +124,14 @@ def test_the_exit_code_tells_wrong_input_from_a_graph_that_failed(error: TelErro
     assert (result.exit_code, result.stderr) == (code, f"tel: {error}\n")
 
 
+def test_a_warning_is_one_line_without_code() -> None:
+    code, _, err = run("practice", str(PAPER), "--set", "control.corridor_rad=-1")
+    assert code == 2
+    told = "control.corridor_rad is called control.path_tolerance_rad now"
+    assert err.splitlines()[0] == f"warning: --set control.corridor_rad=-1: {told}"
+    assert len(err.splitlines()) == 2
+
+
 def test_help_names_the_commands_and_the_exit_codes() -> None:
     code, out, _ = run("--help")
     assert code == 0
