@@ -114,7 +114,7 @@ class CommandGroup(LazyGroup):
             _end_unexpected(error)
 
 
-def _one_line(message: Warning | str, *where: object) -> None:
+def _one_line(message: Warning | str, *where: object, **line: object) -> None:
     """Show a warning as a person reads it: without the line of code that gave it."""
     click.echo(f"warning: {message}", err=True)
 
