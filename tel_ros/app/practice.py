@@ -27,6 +27,7 @@ from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialGoal
+from tel_ros.nodes.waiting import send_goal
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
@@ -179,10 +180,8 @@ def _run(
 
         try:
             spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
-            accepted = client.send_goal_async(
-                Practice.Goal(run_dir=str(folder.resolve())),
-                feedback_callback=lambda message: on_feedback(message.feedback),
-            )
+            goal = Practice.Goal(run_dir=str(folder.resolve()))
+            accepted = send_goal(client, Practice, goal, on_feedback)
             spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
             handle: Any = accepted.result()
             if not handle.accepted:

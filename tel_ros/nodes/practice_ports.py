@@ -37,7 +37,7 @@ from tel_ros.core.trial import TrialReport
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
 from tel_ros.nodes.run_progress import Progress
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, SilenceError, ask, wait
+from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, SilenceError, ask, send_goal, wait
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
 from tel_ros.recording.trial_bag import trial_metadata
@@ -193,10 +193,10 @@ class PracticePorts:
     def _moved(self, goal: TrialGoal) -> TrialResult:
         name, heard_at, cancelling = topics.EXECUTE_TRIAL, time.monotonic(), False
 
-        def on_feedback(message: Any) -> None:  # of a type that rclpy makes
+        def on_feedback(feedback: ExecuteTrial.Feedback) -> None:
             nonlocal heard_at
             heard_at = time.monotonic()
-            self.run.progress.moving(message.feedback)
+            self.run.progress.moving(feedback)
 
         def watch() -> None:
             nonlocal cancelling
@@ -209,7 +209,7 @@ class PracticePorts:
 
         if not self._execute.wait_for_server(timeout_sec=ANSWER_TIMEOUT_S):
             raise NoAnswerError(f"there is no action {name} (waited {ANSWER_TIMEOUT_S:.1f} s)")
-        sent = self._execute.send_goal_async(ExecuteTrial.Goal(goal=goal), feedback_callback=on_feedback)
+        sent = send_goal(self._execute, ExecuteTrial, ExecuteTrial.Goal(goal=goal), on_feedback)
         handle = wait(sent, ANSWER_TIMEOUT_S, name)
         if not handle.accepted:
             raise NoAnswerError(f"{name} rejected the goal")

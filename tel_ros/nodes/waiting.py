@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.action.client import ActionClient, ClientGoalHandle
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -16,6 +17,7 @@ from tel_ros.core.errors import TelError, look_alikes
 
 AGAIN_S = 5.0
 """A good time to ask again after."""
+LOST_S = 1.0
 _POLL_PERIOD_S = 0.1
 
 
@@ -91,6 +93,25 @@ def ask(
             client.remove_pending_request(future)
         left_s -= again_s
     return wait(client.call_async(request), left_s, client.service_name, poll)
+
+
+def send_goal(client: ActionClient, kind: Any, goal: Any, on_feedback: Callable[[Any], None]) -> Future:
+    """Send a goal of an action of this kind, and return the future of its handle.
+
+    A server that has just started may lose the answer, because it has not discovered its client yet. Feedback
+    on the goal tells as well that it was accepted; that counts where no answer has come within
+    :data:`LOST_S`.
+    """
+    sent_at = time.monotonic()
+
+    def heard(message: Any) -> None:  # of a type that rclpy makes
+        if not sent.done() and time.monotonic() - sent_at > LOST_S:
+            accepted = kind.Impl.SendGoalService.Response(accepted=True)
+            sent.set_result(ClientGoalHandle(client, message.goal_id, accepted))
+        on_feedback(message.feedback)
+
+    sent: Future = client.send_goal_async(goal, feedback_callback=heard)
+    return sent
 
 
 def namespace_hint(node: Node, *topics: str) -> str:

@@ -145,9 +145,10 @@ def reading(bag: Path, expected: str = _EXPECTED) -> Iterator[None]:
     except TelError:
         raise
     except Exception as error:
-        # The text of some errors, a KeyError for one, says nothing without their kind.
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise BagError(bag, f"cannot be read ({reason})", expected) from error
+        text = " ".join(str(error).split())
+        # A library's own errors speak for themselves; the text of a KeyError, say, needs its kind.
+        kind = "" if type(error).__module__ != "builtins" else f"{type(error).__name__}: "
+        raise BagError(bag, f"cannot be read ({kind}{text})", expected) from error
 
 
 def is_latched(connection: Connection) -> bool:

@@ -74,12 +74,17 @@ def load_config(
         if description is None:
             raise ConfigError("arm.urdf", "", "a URDF file: robot_description is heard in a graph alone")
         arm["urdf"] = str(description())
-    config = config_from(_renamed(raw, source_of), source_of)
+    config = _practicable(config_from(_renamed(raw, source_of), source_of), source_of)
+    return _with_urdf_limits(config, source_of)
+
+
+def _practicable(config: Config, source_of: SourceOf) -> Config:
+    """Return a configuration whose strategy is there and can do what is asked."""
     try:
         make_strategy(config)
     except ConfigError as error:
         raise error.inside("", source_of(error.key)) from None
-    return _with_urdf_limits(config, source_of)
+    return config
 
 
 def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ...], source: str) -> Config:
@@ -140,7 +145,7 @@ def with_values(config: Config, values: Mapping[str, Any], source: str) -> Confi
     def source_of(key: str) -> str | None:
         return source if any(_one_holds_the_other(key, changed) for changed in values) else None
 
-    return config_from(raw, source_of)
+    return _practicable(config_from(raw, source_of), source_of)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from rclpy.task import Future
+from tel_interfaces.action import Practice
 
-from tel_ros.nodes.waiting import NoAnswerError, SilenceError, ask
+from tel_ros.nodes import waiting
+from tel_ros.nodes.waiting import NoAnswerError, SilenceError, ask, send_goal
 
 
 class Service:
@@ -58,3 +64,26 @@ def test_who_gives_up_meanwhile_does_not_ask_again() -> None:
     with pytest.raises(NoAnswerError, match="ended from outside"):
         ask(service, "question", 30.0, give_up, again_s=0.1)
     assert service.asked == 1
+
+
+class DeafServer:
+    """An action whose answer to a goal gets lost, and its client."""
+
+    def send_goal_async(self, goal: Practice.Goal, feedback_callback: Callable[[Any], None]) -> Future:
+        self.tell = feedback_callback
+        return Future()
+
+
+def test_feedback_on_a_goal_whose_answer_is_lost_tells_that_it_was_accepted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    server, heard = DeafServer(), []
+    sent = send_goal(server, Practice, Practice.Goal(), heard.append)
+    server.tell(SimpleNamespace(goal_id="the goal", feedback="at once"))
+    assert not sent.done(), "the answer may still be on its way"
+    monkeypatch.setattr(waiting, "LOST_S", 0.0)
+    server.tell(SimpleNamespace(goal_id="the goal", feedback="later"))
+    handle = sent.result()
+    assert handle.accepted
+    assert handle.goal_id == "the goal"
+    assert heard == ["at once", "later"]

@@ -268,6 +268,7 @@ def test_a_urdf_whose_links_form_no_tree_is_refused(config_folder: Path, edit: E
             "contrl is {'path_tolerance_rad': 1.0}; expected a known key: arm",
         ),
         ("seed", "x", "seed is 'x'; expected a whole number"),
+        ("practice.strategy", "foo", "practice.strategy is 'foo'; expected"),
     ],
 )
 def test_a_wrong_single_value_is_refused_with_where_it_came_from(
