@@ -202,13 +202,18 @@ class ProgressView:
         self._progress.update(self._task, description=text, completed=feedback.progress)
         for result in feedback.last:
             before, after = feedback.training_rms_rad
-            outcome = Outcome(result.outcome).text
+            words = [trial, f"{feedback.duration_s:6.3f} s"]
+            if not math.isnan(result.rms_error_rad):
+                words.append(f"error {result.rms_error_rad:.4f} rad RMS, {result.max_error_rad:.3f} max")
+            if not math.isnan(after):
+                words.append(f"training {before:.4f} → {after:.4f}")
+            why = f": {result.message}" if result.message else ""
+            if not why and feedback.reason:
+                why = f" ({feedback.reason})"
+            words.append(f"{Outcome(result.outcome).text}{why}")
             left_s = self._progress.tasks[0].time_remaining
-            self._print(
-                f"{trial}  {feedback.duration_s:6.3f} s  error {result.rms_error_rad:.4f} rad RMS, "
-                f"{result.max_error_rad:.3f} max  training {before:.4f} → {after:.4f}  {outcome}"
-                f"{f' ({feedback.reason})' if feedback.reason else ''}"
-                f"{'' if left_s is None else f'  about {left_s:.0f} s left'}"
-            )
+            if left_s is not None:
+                words.append(f"about {left_s:.0f} s left")
+            self._print("  ".join(words))
             if result.timing_warning:
                 self._print(f"{trial}  {result.timing_warning}")

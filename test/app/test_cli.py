@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import math
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
+from tel_interfaces.action import Practice
+from tel_interfaces.msg import TrialResult
 
 from tel_ros.app import practice_command
 from tel_ros.app.cli import main
@@ -157,3 +162,17 @@ def test_a_warning_about_learning_is_said_at_the_end(
     shown = capsys.readouterr().out
     assert "trial 3: learning lock-up: [late]" in shown
     assert "early" not in shown
+
+
+def test_an_aborted_trial_is_told_with_its_reason_and_without_figures_that_nobody_measured() -> None:
+    nan = math.nan
+    trial = TrialResult(
+        outcome=TrialResult.ABORTED, message="elbow is off", rms_error_rad=nan, max_error_rad=nan
+    )
+    feedback = Practice.Feedback(trial=2, reason="a larger step", last=[trial], training_rms_rad=[nan, nan])
+    console = Console(file=io.StringIO())
+    with practice_command.ProgressView(console) as view:
+        view.update(feedback)
+    line = console.file.getvalue()
+    assert "aborted: elbow is off" in line
+    assert "nan" not in line

@@ -114,10 +114,12 @@ class AdaptiveExtension:
         else:
             decision = self._after_abort(last, forecast)
         if isinstance(decision, PlannedTrial) and decision.index > self._practice.trials:
+            aborted = last.outcome == Outcome.ABORTED
+            how = f"was aborted: {last.message}" if aborted else f"had {_mrad(last.rms_error_rad)} RMS"
             return Ending(
-                "aborted" if last.outcome == Outcome.ABORTED else "stopped",
-                f"{self._goal} was not reached within {self._practice.trials} trials: the last one had "
-                f"{_mrad(last.rms_error_rad)} RMS at {self._reached(last)}",
+                "aborted" if aborted else "stopped",
+                f"{self._goal} was not reached within {self._practice.trials} trials: the last one, at "
+                f"{self._reached(last)}, {how}",
             )
         return decision
 

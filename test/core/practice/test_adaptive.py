@@ -126,7 +126,7 @@ def test_the_first_step_after_an_abort_is_at_most_half_of_the_one_that_failed() 
 def test_an_arm_that_has_changed_is_not_driven_out_of_its_corridor_twice_in_a_row(
     when: int, abort_rad: float
 ) -> None:
-    # The corridor in which the made-up arm aborts is three times its RMS error.
+    # The path tolerance at which the made-up arm aborts is three times its RMS error.
     strategy = adaptive(path_tolerance_rad=3.0 * abort_rad, trials=60)
     _, reports, ending = practise(
         strategy,
@@ -184,3 +184,10 @@ def test_a_network_from_an_earlier_run_that_does_not_fit_is_not_taken_for_an_unl
     plans, reports, _ = practise(adaptive(), MadeUpArm(frankness=0.01, _known_s=[30.0]))
     assert reports[0].rms_error_rad > 0.02
     assert "repeated" in plans[1].reason and plans[1].movement == plans[0].movement
+
+
+def test_a_run_that_ends_in_an_abort_says_why_instead_of_an_error_that_was_not_measured() -> None:
+    _, reports, ending = practise(adaptive(trials=2), MadeUpArm(abort_rad=1e-3))
+    assert ending.outcome == "aborted"
+    assert ending.message.endswith(f"was aborted: {reports[-1].message}") and reports[-1].message
+    assert "nan" not in ending.message
