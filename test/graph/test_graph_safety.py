@@ -99,7 +99,7 @@ def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -
 def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_after_aborts(
     tel: Callable[..., TelProcess], domain: int
 ) -> None:
-    run = tel(*QUICK, "practice.strategy=adaptive_extension", "practice.first_duration_s=12.0")
+    run = tel(*QUICK, "practice.strategy=adaptive_extension", "practice.first_duration_s=60.0")
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     try:

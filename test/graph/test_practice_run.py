@@ -26,7 +26,7 @@ pytestmark = pytest.mark.timeout(150)
 
 STOOD_STILL_S = 0.05
 PERIOD_NS = 2_000_000
-LONG_SECOND_TRIAL = (*QUICK, "practice.trials=2", "practice.durations_s=[3.5, 12.0]")
+LONG_SECOND_TRIAL = (*QUICK, "practice.trials=2", "practice.durations_s=[3.5, 60.0]")
 """Whoever does something in mid-trial has seconds for it, also where this process waits for a core."""
 NODES = ["sim_bridge", "ep_controller", "inverse_dynamics", "trial_recorder", "practice_manager"]
 
@@ -136,7 +136,7 @@ def test_no_node_outlives_a_killed_supervisor(tel: Tel) -> None:
     wait_until(lambda: run.left_behind() == [], 15.0, "the end of all nodes")
 
 
-def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> None:
+def test_a_run_whose_arm_leaves_its_path_tolerance_ends_with_the_reason(tel: Tel) -> None:
     run = tel(*QUICK, "control.path_tolerance_rad=0.1")
     code, out, err = run.finish()
     assert code == 1
@@ -151,8 +151,10 @@ def test_a_run_whose_arm_leaves_the_corridor_ends_with_the_reason(tel: Tel) -> N
 def test_a_second_graph_is_refused_before_anything_moves_and_an_interrupted_one_brings_the_arm_to_rest(
     tel: Tel,
 ) -> None:
-    # However slowly this machine runs two graphs at once, the first one waits, and is not done before.
-    first = tel(*QUICK, "practice.trials=40", "sim.lockstep_timeout_s=30.0", name="first")
+    # However slowly this machine runs two graphs at once, the first one waits, and is not done before; and
+    # however fast, no trial is over before the signal comes.
+    long = ("practice.trials=40", "practice.first_duration_s=60.0", "practice.goal_duration_s=30.0")
+    first = tel(*QUICK, *long, "sim.lockstep_timeout_s=30.0", name="first")
     first.wait_until_moving(trial=1)
     second = tel(*QUICK, name="second")
     code, out, err = second.finish()
