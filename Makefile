@@ -44,14 +44,13 @@ demo: setup  ## the simulated arm practises until it is fast
 	$(VENV)/bin/tel practice config/planar_arm.yaml
 
 # Every stage runs, whatever fails before it, and the end says what failed. Tests marked `realtime` measure it:
-# they run last and alone. Where processes meet, a test that fails is run once more; the closing line counts it.
+# they run last and alone, and one that fails is run once more, which the closing line counts.
 test: setup  ## all tests
 	@failed=(); \
 	stage() { echo "== $$1"; $(VENV)/bin/python -m pytest "$${@:2}" || failed+=("$$1"); }; \
 	stage "without a graph" --cache-clear -n 2 --dist worksteal -m "not realtime" --ignore=test/graph \
 		--ignore=test/faults/test_campaign.py; \
-	stage "graphs of nodes" -n 2 --dist worksteal -m "not realtime" --reruns 1 -r fER test/graph \
-		test/faults/test_campaign.py; \
+	stage "graphs of nodes" -n 2 --dist worksteal -m "not realtime" test/graph test/faults/test_campaign.py; \
 	stage "in real time" -m realtime --reruns 1 -r fER; \
 	if (( $${#failed[@]} )); then \
 		printf 'FAILED: tests %s\n' "$${failed[@]}"; \
