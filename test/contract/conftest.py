@@ -14,6 +14,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from arm_under_test import ArmUnderTest  # noqa: E402
+from ros_domain import held_domains  # noqa: E402
 
 from tel_ros.app.bring_up import NodeProcesses  # noqa: E402
 from tel_ros.core.config import Config  # noqa: E402
@@ -45,9 +46,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture(scope="module")
-def arm(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, ros_domains: Iterator[int]
-) -> Iterator[ArmUnderTest]:
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ArmUnderTest]:
     """Return a running arm; one that is ours has a ROS domain of its own."""
     if request.param not in OURS:
         config = load_config(request.param)
@@ -55,8 +54,8 @@ def arm(
         with ArmUnderTest(config, lockstep=False, obeys_nobody=not hostile) as running:
             yield running
         return
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(next(ros_domains)))
+    with held_domains() as domains, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(next(domains)))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         interface = "position" if "position" in request.param else "effort"
         overrides = [f"control.rate_hz={RATE_HZ}", f"arm.command_interface={interface}"]

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 from graph_harness import COARSE, PAPER, SHORT, Graph, TelProcess
+from ros_domain import held_domains
 
 from tel_ros.recording.config_file import load_config
 
 
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch, ros_domains: Iterator[int]) -> int:
-    """Give the test a ROS domain that no other test has used."""
+    """Give the test a ROS domain that no other test has."""
     number = next(ros_domains)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -47,14 +48,15 @@ def tel(tmp_path: Path) -> Iterator[Callable[..., TelProcess]]:
 
 
 @pytest.fixture(scope="session")
-def whole_run(tmp_path_factory: pytest.TempPathFactory, ros_domains: Iterator[int]) -> TelProcess:
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> TelProcess:
     """Return a finished run of ``SHORT`` that nothing has disturbed; whoever looks at one shares it."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     arguments = ["practice", str(PAPER), "--out", str(folder), "--no-report", "--json"]
     arguments += [part for override in SHORT for part in ("--set", override)]
-    environment = {"ROS_DOMAIN_ID": str(next(ros_domains)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    run = TelProcess(arguments, folder, environment)
-    run.finish(180.0)
+    with held_domains() as domains:
+        environment = {"ROS_DOMAIN_ID": str(next(domains)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        run = TelProcess(arguments, folder, environment)
+        run.finish(180.0)
     return run
 
 
