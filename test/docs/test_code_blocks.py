@@ -5,7 +5,7 @@ The graph of ROS nodes runs in lockstep, so the results do not depend on how fas
 
 from __future__ import annotations
 
-import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,9 +22,11 @@ NOT_RUN = {"install.md": 3, "sweep.md": 1}
 
 @pytest.mark.timeout(2 * TIMEOUT_S)
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_does_what_it_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_does_what_it_says(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ros_domains: Iterator[int]
+) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(next(ros_domains)))
     folder = tmp_path / "page"
     folder.mkdir()
     run_page(page, folder, TIMEOUT_S)
