@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -27,7 +26,7 @@ from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialGoal
-from tel_ros.nodes.waiting import send_goal
+from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
@@ -38,7 +37,6 @@ DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
 RESUME_TIMEOUT_S = 120.0
 """Arm and controller of a resumed run take the processor for the trials of before while the others start."""
-ASK_PERIOD_S = 2.0
 SILENCE_TIMEOUT_S = 20.0
 """A machine may stand still for some seconds."""
 
@@ -168,7 +166,7 @@ def _run(
     start_timeout_s = RESUME_TIMEOUT_S if resume else START_TIMEOUT_S
     with beside(config_file, logs), nodes:
         client = ActionClient(node, Practice, topics.PRACTICE)
-        liveness = Liveness(node, "practice_manager")
+        liveness = Liveness(node, "practice_manager")  # after the client: see meet()
 
         def spin_until(done: Callable[[], bool], timeout_s: float, what: str) -> None:
             end = time.monotonic() + timeout_s
@@ -178,10 +176,14 @@ def _run(
                 if time.monotonic() > end:
                     raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {logs}")
 
+        def is_met() -> bool:
+            liveness.ask()
+            return liveness.met and client.server_is_ready()
+
         try:
-            spin_until(client.server_is_ready, start_timeout_s, "the practice manager did not come up")
+            spin_until(is_met, start_timeout_s, "the practice manager did not come up")
             goal = Practice.Goal(run_dir=str(folder.resolve()))
-            accepted = send_goal(client, Practice, goal, on_feedback)
+            accepted = client.send_goal_async(goal, lambda message: on_feedback(message.feedback))
             spin_until(accepted.done, start_timeout_s, "the practice manager did not answer")
             handle: Any = accepted.result()
             if not handle.accepted:
@@ -189,7 +191,9 @@ def _run(
             finished: Future = handle.get_result_async()
 
             def is_finished() -> bool:
-                liveness.check()
+                silence_s = liveness.ask()
+                if silence_s > SILENCE_TIMEOUT_S:
+                    raise GraphError(f"node practice_manager has not answered for {silence_s:.0f} s")
                 return finished.done()
 
             spin_until(is_finished, float("inf"), "")
@@ -197,30 +201,3 @@ def _run(
             return result
         finally:
             client.destroy()
-
-
-class Liveness:
-    """Notices that a node whose process lives no longer answers: asks it for no parameters, again and again.
-
-    Only for nodes whose executor has a thread to spare: one that computes in its only thread looks dead.
-
-    Args:
-        node: that asks; its owner spins it.
-        name: of the node that is asked.
-        clock: tells the time in s.
-    """
-
-    def __init__(self, node: Node, name: str, clock: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._clock = name, clock
-        self._client = node.create_client(GetParameters, f"{name}/get_parameters")
-        self._asked: Future | None = None
-        self._asked_at = clock()
-
-    def check(self) -> None:
-        """Ask again when it is time; GraphError if there was no answer for :data:`SILENCE_TIMEOUT_S`."""
-        silence_s = self._clock() - self._asked_at
-        if self._asked is not None and not self._asked.done():
-            if silence_s > SILENCE_TIMEOUT_S:
-                raise GraphError(f"node {self._name} has not answered for {silence_s:.0f} s")
-        elif silence_s > ASK_PERIOD_S and self._client.service_is_ready():
-            self._asked, self._asked_at = self._client.call_async(GetParameters.Request()), self._clock()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.action import ActionClient
+from rcl_interfaces.srv import GetParameters
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
@@ -37,7 +37,7 @@ from tel_ros.core.trial import TrialReport
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
 from tel_ros.nodes.run_progress import Progress
-from tel_ros.nodes.waiting import AGAIN_S, DeclinedError, NoAnswerError, SilenceError, ask, send_goal, wait
+from tel_ros.nodes.waiting import DeclinedError, LockedActionClient, NoAnswerError, ask, meet, wait
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
 from tel_ros.recording.trial_bag import trial_metadata
@@ -94,12 +94,14 @@ class PracticePorts:
         self._stop_recording = client(StopRecording, topics.STOP_RECORDING)
         self._controller_state = client(GetState, f"{topics.EP_CONTROLLER}/get_state")
         self._change_state = client(ChangeState, f"{topics.EP_CONTROLLER}/change_state")
-        self._execute = ActionClient(node, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
+        self._execute = LockedActionClient(node, ExecuteTrial, topics.EXECUTE_TRIAL, callback_group=group)
         # For whoever watches; the controller gets it in its action, the recorder with its request.
         self._goal_pub = node.create_publisher(TrialGoal, topics.TRIAL_GOAL, qos.LATCHED)
+        others = (topics.EP_CONTROLLER, "inverse_dynamics", "trial_recorder")
+        self._others = [client(GetParameters, f"{name}/get_parameters") for name in others]
 
     def bring_up(self, timeout_s: float) -> None:
-        """Configure and activate the controller, as far as it is not.
+        """Meet the other nodes; configure and activate the controller, as far as it is not.
 
         Raises:
             NoAnswerError: an answer does not come in time, or is no.
@@ -109,23 +111,16 @@ class PracticePorts:
             State.PRIMARY_STATE_UNCONFIGURED: (Transition.TRANSITION_CONFIGURE, "configured"),
             State.PRIMARY_STATE_INACTIVE: (Transition.TRANSITION_ACTIVATE, "activated"),
         }
-        end = time.monotonic() + timeout_s
+        meet(self._others, timeout_s, self._poll)
         while True:
-            answer = ask(self._controller_state, GetState.Request(), timeout_s, self._poll, AGAIN_S)
-            state = answer.current_state
+            state = ask(self._controller_state, GetState.Request(), timeout_s, self._poll).current_state
             if state.id == State.PRIMARY_STATE_ACTIVE:
                 return
             if state.id not in steps:
                 raise DeclinedError(f"{name} is {state.label}; expected a node that can be activated")
             transition, done = steps[state.id]
             request = ChangeState.Request(transition=Transition(id=transition))
-            try:
-                changed = ask(self._change_state, request, AGAIN_S, self._poll).success
-            except SilenceError:
-                if time.monotonic() > end:
-                    raise
-                continue  # the state tells whether it was only the answer that was lost
-            if not changed:
+            if not ask(self._change_state, request, timeout_s, self._poll).success:
                 raise DeclinedError(f"{name} could not be {done}; its log says why")
 
     def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Path]:
@@ -159,7 +154,7 @@ class PracticePorts:
         """Return the command for a trajectory."""
         joints = self._config.arm.joints
         request = PredictEquilibrium.Request(desired=desired_message(joints, desired))
-        answer = self._call(self._predict, request, ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+        answer = self._call(self._predict, request, ANSWER_TIMEOUT_S)
         equilibrium_rad = equilibrium_of(answer.equilibrium, joints)
         std_rad = np.array(answer.std_rad).reshape(equilibrium_rad.shape)
         return Prediction(equilibrium_rad, std_rad, answer.revision)
@@ -181,22 +176,22 @@ class PracticePorts:
     def save(self, index: int) -> None:
         """Write the network as it is after a trial; after the first it is ``network/network.npz`` as well."""
         file = network_after(self.run.folder, index)
-        self._call(self._save, SaveNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+        self._call(self._save, SaveNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
         if index > 0:
             publish_network(self.run.folder, index)
 
     def load(self, index: int) -> None:
         """Go back to the network as it was after a trial."""
         file = network_after(self.run.folder, index)
-        self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S, again_s=AGAIN_S)
+        self._call(self._load, LoadNetwork.Request(path=str(file)), ANSWER_TIMEOUT_S)
 
     def _moved(self, goal: TrialGoal) -> TrialResult:
         name, heard_at, cancelling = topics.EXECUTE_TRIAL, time.monotonic(), False
 
-        def on_feedback(feedback: ExecuteTrial.Feedback) -> None:
+        def on_feedback(message: Any) -> None:  # of a type that rclpy makes
             nonlocal heard_at
             heard_at = time.monotonic()
-            self.run.progress.moving(feedback)
+            self.run.progress.moving(message.feedback)
 
         def watch() -> None:
             nonlocal cancelling
@@ -209,14 +204,14 @@ class PracticePorts:
 
         if not self._execute.wait_for_server(timeout_sec=ANSWER_TIMEOUT_S):
             raise NoAnswerError(f"there is no action {name} (waited {ANSWER_TIMEOUT_S:.1f} s)")
-        sent = send_goal(self._execute, ExecuteTrial, ExecuteTrial.Goal(goal=goal), on_feedback)
+        sent = self._execute.send_goal_async(ExecuteTrial.Goal(goal=goal), on_feedback)
         handle = wait(sent, ANSWER_TIMEOUT_S, name)
         if not handle.accepted:
             raise NoAnswerError(f"{name} rejected the goal")
         return wait(handle.get_result_async(), math.inf, name, watch).result.result
 
-    def _call(self, client: Client, request: Any, timeout_s: float, again_s: float = math.inf) -> Any:
-        response = ask(client, request, timeout_s, self._poll, again_s)
+    def _call(self, client: Client, request: Any, timeout_s: float) -> Any:
+        response = ask(client, request, timeout_s, self._poll)
         if not response.success:
             raise DeclinedError(f"{client.service_name}: {response.message}")
         return response

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from rcl_interfaces.srv import GetParameters
 from rclpy.action.client import ActionClient, ClientGoalHandle
 from rclpy.client import Client
 from rclpy.node import Node
@@ -15,9 +16,9 @@ from rclpy.task import Future
 
 from tel_ros.core.errors import TelError, look_alikes
 
-AGAIN_S = 5.0
-"""A good time to ask again after."""
-LOST_S = 1.0
+AGAIN_S = 0.5
+"""When to ask a node again that has not answered yet."""
+ASK_PERIOD_S = 2.0
 _POLL_PERIOD_S = 0.1
 
 
@@ -95,23 +96,79 @@ def ask(
     return wait(client.call_async(request), left_s, client.service_name, poll)
 
 
-def send_goal(client: ActionClient, kind: Any, goal: Any, on_feedback: Callable[[Any], None]) -> Future:
-    """Send a goal of an action of this kind, and return the future of its handle.
+def meet(clients: Sequence[Client], timeout_s: float, poll: Callable[[], None]) -> None:
+    """Wait until the nodes behind these clients of ``get_parameters`` know all that was made here before.
 
-    A server that has just started may lose the answer, because it has not discovered its client yet. Feedback
-    on the goal tells as well that it was accepted; that counts where no answer has come within
-    :data:`LOST_S`.
+    A service that does not know where its client hears answers drops them (rmw_fastrtps, after 0.1 s),
+    although the client sees the service. Discovery tells of a process's endpoints in the order in which they
+    were made: who has answered the client that was made last knows all of them.
+
+    Raises:
+        NoAnswerError: a node is not there or does not answer in time.
     """
-    sent_at = time.monotonic()
+    for client in clients:
+        ask(client, GetParameters.Request(), timeout_s, poll, AGAIN_S)
 
-    def heard(message: Any) -> None:  # of a type that rclpy makes
-        if not sent.done() and time.monotonic() - sent_at > LOST_S:
-            accepted = kind.Impl.SendGoalService.Response(accepted=True)
-            sent.set_result(ClientGoalHandle(client, message.goal_id, accepted))
-        on_feedback(message.feedback)
 
-    sent: Future = client.send_goal_async(goal, feedback_callback=heard)
-    return sent
+class Liveness:
+    """Asks another node for no parameters, again and again, and notes whether it answers.
+
+    Only for nodes whose executor has a thread to spare: one that computes in its only thread looks dead. The
+    first answer tells what :func:`meet` waits for.
+
+    Args:
+        node: that asks; its owner spins it.
+        name: of the node that is asked.
+        clock: tells the time in s.
+    """
+
+    def __init__(self, node: Node, name: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._client, self._clock = node.create_client(GetParameters, f"{name}/get_parameters"), clock
+        self._asked_at, self._silent_since = -math.inf, math.inf
+        self.met = False
+        """Whether it has ever answered."""
+
+    def ask(self) -> float:
+        """Ask again when it is time; return for how long no question has been answered, in s."""
+        now = self._clock()
+        period_s = ASK_PERIOD_S if self.met else AGAIN_S
+        if now - self._asked_at > period_s and self._client.service_is_ready():
+            self._asked_at, self._silent_since = now, min(self._silent_since, now)
+            self._client.call_async(GetParameters.Request()).add_done_callback(self._hear)
+        return max(0.0, now - self._silent_since)
+
+    def _hear(self, answer: Future) -> None:
+        self.met, self._silent_since = True, math.inf
+
+
+class LockedActionClient(ActionClient):
+    """A client whose requests may be made in one thread while others spin its node.
+
+    rclpy's notes a request only after it has been sent: an answer that another thread takes in between is
+    unexpected there, and lost.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self._sending = threading.Lock()
+        super().__init__(*args, **kwargs)
+
+    def send_goal_async(self, *args: Any, **kwargs: Any) -> Future:
+        """Send a goal, and note it."""
+        with self._sending:
+            return super().send_goal_async(*args, **kwargs)
+
+    def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future:
+        with self._sending:
+            return super()._cancel_goal_async(goal_handle)
+
+    def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future:
+        with self._sending:
+            return super()._get_result_async(goal_handle)
+
+    def take_data(self) -> dict[str, Any]:
+        """Take answers to what has been noted."""
+        with self._sending:
+            return super().take_data()
 
 
 def namespace_hint(node: Node, *topics: str) -> str:

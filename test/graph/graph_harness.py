@@ -32,6 +32,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_goal_message
+from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import CONFIG_FILE, create_run_folder
 from tel_ros.recording.waypoint_file import load_path
@@ -196,9 +197,28 @@ class Graph:
         """Call a service."""
         client = self.node.create_client(kind, name)
         self.spin_until(client.service_is_ready, timeout_s, name)
+        self.meet(self._server_of(client.service_name), timeout_s)
         future = client.call_async(request)
         self.spin_until(future.done, timeout_s, f"an answer of {name}")
         return future.result()
+
+    def _server_of(self, service: str) -> str:
+        """Return the node that offers a service, which is there."""
+        found: list[str] = []
+
+        def finds() -> bool:
+            for name, space in self.node.get_node_names_and_namespaces():
+                offered = self.node.get_service_names_and_types_by_node(name, space)
+                found.extend([f"{space.rstrip('/')}/{name}"] if service in dict(offered) else [])
+            return bool(found)
+
+        self.spin_until(finds, 20.0, f"the node of {service}")
+        return found[0]
+
+    def meet(self, node: str, timeout_s: float = 30.0) -> None:
+        """Wait until a node knows everything that this one has made before."""
+        other = Liveness(self.node, node)
+        self.spin_until(lambda: other.ask() >= 0.0 and other.met, timeout_s, f"an answer of {node}")
 
     def change_state(self, transition: int) -> bool:
         """Ask the controller for a transition; return whether it has done it."""
@@ -216,6 +236,7 @@ class Graph:
         heard: list[Any] = []
         self.node.create_subscription(Bool, topics.READY, heard.append, qos.LATCHED)
         self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+        self.meet(topics.EP_CONTROLLER)
         self.spin_until(lambda: bool(heard) and heard[-1].data, 20.0, topics.READY)
 
     def goal(self, duration_s: float = 5.0) -> TrialGoal:
@@ -275,6 +296,7 @@ class Graph:
         listener = self.node.create_subscription(
             ControlState, topics.CONTROL_STATES, lambda message: newest.__setitem__(slice(None), [message]), 1
         )
+        self.meet(topics.EP_CONTROLLER)
         try:
             yield newest
         finally:

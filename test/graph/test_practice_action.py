@@ -29,6 +29,7 @@ class Asked:
         command += ["-p", f"config:={running.folder / 'run.yaml'}"]
         self.manager = subprocess.Popen(command, stderr=log.open("w"))
         self.client = ActionClient(running.node, Practice, topics.PRACTICE)
+        running.meet("practice_manager")
         running.spin_until(self.client.server_is_ready, 30.0, topics.PRACTICE)
 
     def send(self, run_dir: str) -> Any:
