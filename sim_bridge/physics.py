@@ -13,11 +13,34 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import pybullet
 
 from sim_bridge.description import PAYLOAD_LINK, ArmDescription
 from tel_ros.core.config import JointValues, SimConfig
 from tel_ros.core.errors import ConfigError, InputFileError, TelError
+
+
+@contextmanager
+def rerouted(descriptor: int, to: int) -> Iterator[None]:
+    """Send what is written to a descriptor of the process (1: standard output, 2: standard error) elsewhere.
+
+    PyBullet prints remarks past ``sys.stdout`` and ``sys.stderr``; there they would end up in the middle of
+    JSON that another program reads. Works on the whole process, so keep it short: loading, not stepping.
+    """
+    libc = ctypes.CDLL(None)
+    libc.fflush(None)
+    kept = os.dup(descriptor)
+    os.dup2(to, descriptor)
+    try:
+        yield
+    finally:
+        # C's own buffer would otherwise be written after the switch back.
+        libc.fflush(None)
+        os.dup2(kept, descriptor)
+        os.close(kept)
+
+
+with open(os.devnull, "wb") as _nowhere, rerouted(2, _nowhere.fileno()):  # it tells when it was built
+    import pybullet as pybullet  # the laboratory takes it from here
 
 _LOG = logging.getLogger(__name__)
 
@@ -63,7 +86,7 @@ class ArmPhysics:
             raise ConfigError("sim.gui", sim.gui, "false, since there is no display (DISPLAY is not set)")
         for remark in description.remarks:
             _LOG.warning("%s: %s", description.path, remark)
-        with stdout_to_stderr():
+        with rerouted(1, to=2):
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:
                 self._body = _load(description, sim, self._client)
@@ -84,7 +107,7 @@ class ArmPhysics:
     def close(self) -> None:
         """End the simulation. A second time does nothing."""
         if self._client >= 0 and pybullet.isConnected(self._client):
-            with stdout_to_stderr():
+            with rerouted(1, to=2):
                 pybullet.disconnect(self._client)
         # PyBullet gives the number of a closed simulation to the next one.
         self._client = -1
@@ -211,23 +234,3 @@ def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
             return int(pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client))
         except pybullet.error as error:
             raise InputFileError(description.path, f"PyBullet refuses it ({error})", "a URDF file") from error
-
-
-@contextmanager
-def stdout_to_stderr() -> Iterator[None]:
-    """Send everything written to the process's standard output to standard error instead.
-
-    PyBullet prints remarks on standard output, past ``sys.stdout``; there they would end up in the middle of
-    JSON that another program reads. Works on the whole process, so keep it short: loading, not stepping.
-    """
-    libc = ctypes.CDLL(None)
-    libc.fflush(None)
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        # C's own buffer would otherwise be written after the switch back.
-        libc.fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)

@@ -6,10 +6,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pybullet
 
 from sim_bridge.description import ArmDescription
-from sim_bridge.physics import STANDARD_GRAVITY_M_S2, stdout_to_stderr
+from sim_bridge.physics import STANDARD_GRAVITY_M_S2, pybullet, rerouted
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.learner import TrainingMode, TrainingOutcome
 from tel_ros.core.learning.signals import TrainingSamples
@@ -55,7 +54,7 @@ class ExactInverseDynamics:
         return self, TrainingOutcome(0.0, 0.0, 0.0, ())
 
     def _rigid_body_torque_nm(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        with stdout_to_stderr(), tempfile.TemporaryDirectory() as folder:
+        with rerouted(1, to=2), tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "arm.urdf"
             file.write_text(self._urdf, encoding="utf-8")
             client = pybullet.connect(pybullet.DIRECT)

@@ -7,10 +7,10 @@ import shlex
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from tel_lab.study import ending_in_one_line
 from tel_ros.app.config_argument import config_argument
+from tel_ros.app.tables import show
 
 
 @click.command()
@@ -61,9 +61,6 @@ def compare(
     if as_json:
         click.echo(shown.json_text(comparison))
         return
-    console = Console()
-    console.print(shown.table(comparison).terminal())
-    console.print(shown.GIVEN_NOTE, highlight=False)
-    console.print(shown.speed_text(comparison), highlight=False)
+    show(shown.table(comparison).terminal(), shown.GIVEN_NOTE, shown.speed_text(comparison))
     if out is not None:
-        console.print(f"written to {out}", highlight=False, soft_wrap=True)
+        show(f"written to {out}")

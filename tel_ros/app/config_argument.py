@@ -10,9 +10,8 @@ from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
-from rich.console import Console
 
-from tel_ros.app.tables import simple_table
+from tel_ros.app.tables import show, table
 from tel_ros.core.errors import TelError
 from tel_ros.recording.shared_files import config_folder, named_config, shipped_configs, summary_of
 
@@ -82,9 +81,5 @@ def configs(as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(rows, indent=2))
         return
-    table = simple_table("name", "about", left=("name", "about"))
-    for row in rows:
-        table.add_row(row["name"], row["about"])
-    console = Console()
-    console.print(table)
-    console.print(f"folder  {folder}", highlight=False, soft_wrap=True)
+    shown = ("name", "about")
+    show(table(shown, [[row[key] for key in shown] for row in rows], left=shown), f"folder  {folder}")

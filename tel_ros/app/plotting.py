@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
 PALETTE = {
@@ -124,21 +125,21 @@ def inline_svg(figure: Figure, name: str) -> str:
     return text
 
 
-def legend_below(
-    figure: Figure, layout: Literal["constrained", "compressed"], rows: Sequence[Sequence[Artist]]
-) -> None:
+def legend_below(figure: Figure, *rows: Sequence[Artist]) -> None:
     """Put a legend under the axes, row by row.
 
     The layout leaves room for it by hand: matplotlib places legends outside the axes from 3.7 on only, and
     ROS 2 Jazzy comes with 3.6.
     """
-    row = 0.27 / figure.get_figheight()  # 0.27 in
-    figure.set_layout_engine(layout, rect=(0.0, len(rows) * row, 1.0, 1.0 - len(rows) * row))
+    rows = tuple(row for row in rows if row)
+    height = 0.27 / figure.get_figheight()  # 0.27 in
+    engine: Any = figure.get_layout_engine()
+    engine.set(rect=(0.0, len(rows) * height, 1.0, 1.0 - len(rows) * height))
     for place, handles in enumerate(reversed(rows)):
         figure.legend(
             handles=handles,
             loc="lower center",
-            bbox_to_anchor=(0.5, place * row),
+            bbox_to_anchor=(0.5, place * height),
             ncols=len(handles),
             columnspacing=1.6,
         )
@@ -147,6 +148,12 @@ def legend_below(
 def key(label: str, **style: Any) -> Line2D:
     """Return an entry of a legend."""
     return Line2D([], [], label=label, **style)
+
+
+def broken_off(trials: Iterable[TrialReport]) -> list[Line2D]:
+    """Return the entry for where trials ended before their time; none if all were completed."""
+    completed = all(trial.outcome == Outcome.COMPLETED for trial in trials)
+    return [] if completed else [key("broken off", **BROKEN_OFF)]
 
 
 def scale_errors(axes: Axes) -> None:

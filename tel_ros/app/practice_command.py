@@ -24,9 +24,9 @@ from tel_ros.app.errors import (
     GraphError,
     end,
 )
-from tel_ros.app.tables import trial_table
+from tel_ros.app.tables import show, trial_table
 from tel_ros.app.view.command import beside_run, view_option
-from tel_ros.core.errors import TelError
+from tel_ros.core.errors import TelError, counted
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import read_summary
@@ -139,14 +139,15 @@ def _show(summary: dict, folder: Path, as_json: bool) -> None:
         click.echo(json.dumps(summary, indent=2))
         return
     trials = summary["trials"]
-    Console().print(trial_table(trials))
+    show(trial_table(trials))
     warned = [trial for trial in trials if trial["warning"]]
     if warned:  # the last one is based on most trials
         click.echo(f"note    trial {warned[-1]['index']}: {warned[-1]['warning']}")
     irregular = [trial for trial in trials if trial["timing"] and trial["timing"]["warning"]]
     if irregular:
         last = f"trial {irregular[-1]['index']}: {irregular[-1]['timing']['warning']} (docs/realtime.md)"
-        click.echo(f"note    {len(irregular)} of {len(trials)} trials had bad timing, the last one: {last}")
+        share = f"{len(irregular)} of {counted(len(trials), 'trial')}"
+        click.echo(f"note    {share} had bad timing, the last one: {last}")
     if summary["outcome"] == "completed" and summary["message"]:
         click.echo(f"result  {summary['message']}")
     click.echo(f"run     {folder}")
@@ -161,7 +162,7 @@ def _say_what_goes_on(folder: Path, resumption: Resumption) -> None:
     """Say on stderr what a run goes on from, and where the rest was put."""
     for path, why in resumption.set_aside.items():
         click.echo(f"set aside  {path} ({why})", err=True)
-    click.echo(f"resumed    {folder} after {resumption.trials} whole trials", err=True)
+    click.echo(f"resumed    {folder} after {counted(resumption.trials, 'whole trial')}", err=True)
 
 
 class ProgressView:

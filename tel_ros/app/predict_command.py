@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError, counted
 
 
 @click.command()
@@ -69,4 +69,4 @@ def predict(
         }
         click.echo(json.dumps(json_ready(result), allow_nan=False))
     else:
-        click.echo(csv if out is None else f"{len(values)} points in {out}")
+        click.echo(csv if out is None else f"{counted(len(values), 'point')} in {out}")

@@ -15,7 +15,7 @@ import click
 
 from tel_ros.app.config_argument import namespace_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
-from tel_ros.core.errors import TelError
+from tel_ros.core.errors import TelError, counted
 
 if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer
@@ -96,7 +96,7 @@ def replay(
                     player.play(rate)
     except KeyboardInterrupt:
         end("interrupted: nothing is published any more", EXIT_INTERRUPTED)
-    click.echo(f"{player.published} messages published")
+    click.echo(f"{counted(player.published, 'message')} published")
     if player.stood_still_s > 0.0:
         click.echo(f"tel: the replay stood still for {player.stood_still_s:.1f} s in all", err=True)
     if player.most_late_s > 0.02:  # a loop at 50 Hz would notice
@@ -110,7 +110,7 @@ def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
         raise TelError(f"{bag}: none of its topics can be published here")
     for topic in player.played:
         count, name = topic.connection.msgcount, player.node.resolve_topic_name(topic.name)
-        click.echo(f"{topic.connection.topic} → {name} ({count} message{'s' * (count != 1)})")
+        click.echo(f"{topic.connection.topic} → {name} ({counted(count, 'message')})")
     if has_keyboard:
         click.echo("space bar: pause and continue; Ctrl-C: end")
 

@@ -3,56 +3,53 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 NOTHING = "–"
+TRAINING_ERROR = "training error\nbefore → after\nrad"
 
 
-def simple_table(*headings: str, left: Collection[str]) -> Table:
-    """Return an empty table; columns are aligned to the right unless their headings are in ``left``."""
-    table = Table(box=box.SIMPLE_HEAD)
+def table(headings: Iterable[str], rows: Iterable[Sequence[str | Text]], left: Collection[str] = ()) -> Table:
+    """Return a table that cuts nothing off; columns are aligned to the right unless ``left`` names them."""
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        style: dict[str, Any] = {"overflow": "fold"} if heading in left else {"justify": "right"}
-        table.add_column(heading, **style)
-    return table
+        made.add_column(heading, overflow="fold", justify="left" if heading in left else "right")
+    for row in rows:
+        made.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))  # brackets, too
+    return made
 
 
-def show(table: Table) -> None:
-    """Print a table on stdout."""
+def show(*shown: Table | str) -> None:
+    """Print tables and lines on stdout; where that is no terminal, nothing is wrapped."""
     console = Console()
     if not console.is_terminal:
-        console.width = 160
-    console.print(table)
+        console.width = 10_000
+    for each in shown:
+        console.print(each, highlight=False, markup=False, soft_wrap=isinstance(each, str))
 
 
-def compact_table(*headings: str) -> Table:
-    """Return an empty table that fits 80 columns; the last column is aligned to the left."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1), pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("bag", headings[-1]) else "right")
-    return table
-
-
-def trial_table(trials: Sequence[Mapping[str, Any]]) -> Table:
+def trial_table(trials: Iterable[Mapping[str, Any]]) -> Table:
     """Return the trials of a summary as a table."""
-    errors = ("RMS error\nrad", "max error\nrad", "training error\nbefore → after rad")
-    table = compact_table("trial", "α", "duration\ns", *errors, "outcome")
-    for trial in trials:
-        table.add_row(
+    headings = ("trial", "α", "duration\ns", "RMS error\nrad", "max error\nrad", TRAINING_ERROR, "outcome")
+    rows = [
+        (
             str(trial["index"]),
-            f"{trial['alpha']:.3f}",
-            f"{trial['duration_s']:.3f}",
+            fixed(trial["alpha"], 3),
+            fixed(trial["duration_s"], 3),
             fixed(trial["rms_error_rad"], 4),
             fixed(trial["max_error_rad"], 4),
             training_error(trial),
-            trial["outcome"],
+            trial["outcome"] + (f": {trial['message']}" if trial["message"] else ""),
         )
-    return table
+        for trial in trials
+    ]
+    return table(headings, rows, left=("outcome",))
 
 
 def fixed(value: float | None, decimals: int) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tel_ros.core.config import LearningConfig
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError, counted
 from tel_ros.core.learning.inputs import InputRange, input_name
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.learning.learner import Learner, LearnerContext
@@ -219,7 +219,7 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
         named = [j for j, u in zip(joints, np.any(prediction.uncertain, axis=0), strict=True) if u]
         reasons.append(f"as uncertain as a guess ({', '.join(named)})")
     faster = ". A slow recording cannot teach a fast movement" if columns[len(joints) :].any() else ""
-    share = f"{n_extrapolated} of {n} points ({n_extrapolated / n:.1%})"
+    share = f"{n_extrapolated} of {counted(n, 'point')} ({n_extrapolated / n:.1%})"
     return f"{share} are extrapolated: {'; '.join(reasons)}{faster}"
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
-from rich.console import Console
 
 from tel_ros.app.config_argument import F, overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
-from tel_ros.app.tables import compact_table, fixed, show, simple_table, training_error
+from tel_ros.app.tables import TRAINING_ERROR, fixed, show, table, training_error
+from tel_ros.core.errors import counted
 
 if TYPE_CHECKING:
     from tel_ros.app.torque_import import ImportReport
@@ -106,23 +106,21 @@ def train(
     if as_json:
         click.echo(json.dumps(retraining.as_dict(), indent=2))
         return
-    errors = ("RMS error\nrad", "training error\nbefore → after rad")
-    table = compact_table("bag", "trial", "duration\ns", *errors, "outcome")
-    for row in retraining.lessons:
-        table.add_row(
+    headings = ("bag", "trial", "duration\ns", "RMS error\nrad", TRAINING_ERROR, "outcome")
+    rows = [
+        (
             Path(row["bag"]).name,
             str(row["index"]),
-            f"{row['duration_s']:.3f}",
+            fixed(row["duration_s"], 3),
             fixed(row["rms_error_rad"], 4),
             training_error(row),
             row["outcome"],
         )
-    console = Console()
-    console.print(table)
+        for row in retraining.lessons
+    ]
     lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in retraining.lessons]
     lines += [f"network  {retraining.network}", f"revision {retraining.revision}: {_comparison(retraining)}"]
-    for line in filter(None, lines):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    show(table(headings, rows, left=("bag", "outcome")), *filter(None, lines))
 
 
 def _comparison(retraining: Retraining) -> str:
@@ -149,11 +147,20 @@ def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str
 
 
 def _show_import(report: ImportReport) -> None:
-    numbers = ("nMSE", "RMS error N·m", "expected", "torque N·m", "from … to rad", "rad/s", "rad/s²", "cond.")
-    table = simple_table("joint", *numbers, left=("joint",))
+    headings = (
+        "joint",
+        "nMSE",
+        "RMS error N·m",
+        "expected",
+        "torque N·m",
+        "from … to rad",
+        "rad/s",
+        "rad/s²",
+        "cond.",
+    )
     held_out = report.fit.held_out
-    for j, excited in enumerate(report.excitation.joints):
-        table.add_row(
+    rows = [
+        (
             excited.joint,
             f"{held_out.nmse[j]:.4f}",
             f"{held_out.rms_nm[j]:.3g}",
@@ -164,16 +171,18 @@ def _show_import(report: ImportReport) -> None:
             f"{excited.acceleration_rad_s2:.2f}",
             f"{excited.condition:.2g}",
         )
-    show(table)
+        for j, excited in enumerate(report.excitation.joints)
+    ]
+    show(table(headings, rows, left=("joint",)))
     low, high = report.cutoff_hz
     band = f"{low:.3g} Hz" if low == high else f"{low:.3g} to {high:.3g} Hz"
     for r in report.recordings:
         click.echo(
-            f"recorded  {r['source']}: {r['n_samples']} samples in {r['duration_s']:.4g} s, "
+            f"recorded  {r['source']}: {counted(r['n_samples'], 'sample')} in {r['duration_s']:.4g} s, "
             f"{r['rate_hz']:.4g} Hz, jitter {1e3 * r['jitter_s']:.2g} ms"
         )
     click.echo(
-        f"learned   {report.learned_s:.4g} s in {report.n_parts} unbroken parts, up to {band}, "
+        f"learned   {report.learned_s:.4g} s in {counted(report.n_parts, 'unbroken part')}, up to {band}, "
         f"by {report.learner}"
     )
     click.echo(

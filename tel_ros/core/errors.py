@@ -61,6 +61,11 @@ class BagError(InputFileError):
     """A trial's bag is missing, not whole, or does not hold what a trial must hold."""
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number of things as people write it: ``1 trial``, ``2 trials``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def look_alikes(name: str, existing: Iterable[str]) -> list[str]:
     """Return the existing names that may be meant by a name that does not exist, e.g. of a topic.
 

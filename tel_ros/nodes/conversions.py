@@ -16,7 +16,7 @@ from tel_interfaces.msg import TrialGoal as TrialGoalMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tel_ros.core.arm_state import ArmState
-from tel_ros.core.errors import StateError, TrajectoryError
+from tel_ros.core.errors import StateError, TrajectoryError, counted
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import TrialGoal, TrialReport
@@ -72,7 +72,7 @@ def _deserialised(raw: bytes, kind: type, what: str) -> Any:
     try:
         return deserialize_message(raw, kind)
     except RuntimeError as error:
-        raise StateError(f"{len(raw)} bytes are no {what} ({error})") from error
+        raise StateError(f"{counted(len(raw), 'byte')}, no {what} ({error})") from error
 
 
 def idle_state(state: ArmState) -> ControlState:
@@ -167,7 +167,8 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
         flat = getattr(message, name)
         if len(flat) != shape[0] * shape[1]:
             raise TrajectoryError(
-                f"{name} has {len(flat)} values; expected {shape[0]} points of {shape[1]} joints"
+                f"{name} has {counted(len(flat), 'value')}; expected {counted(shape[0], 'point')} "
+                f"of {counted(shape[1], 'joint')}"
             )
         return np.array(flat).reshape(shape)[:, columns]
 
@@ -182,7 +183,7 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
         for name in ("stiffness_nm_per_rad", "damping_nms_per_rad"):
             if (n := len(getattr(message, name))) != len(columns):
                 raise TrajectoryError(
-                    f"{name} has {n} values; expected {len(columns)}, one a joint, "
+                    f"{name} has {counted(n, 'value')}; expected {len(columns)}, one a joint, "
                     "or none in both stiffness and damping"
                 )
         springs = Springs(

@@ -11,7 +11,7 @@ import numpy as np
 from rclpy.node import Node
 from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, TrainOnTrials
 
-from tel_ros.core.errors import TelError, TrainingError
+from tel_ros.core.errors import TelError, TrainingError, counted
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.session import predicted
@@ -65,7 +65,7 @@ class InverseDynamicsNode(Node):
 
     def _train(self, request: TrainOnTrials.Request, response: TrainOnTrials.Response) -> None:
         # Told before the time that this takes: nothing else gets a turn meanwhile.
-        self._doing = f"learns from {len(request.bags)} bags"
+        self._doing = f"learns from {counted(len(request.bags), 'bag')}"
         self._diagnostics.publish()
         try:
             network, outcomes = self._trained(request, response)
@@ -83,7 +83,7 @@ class InverseDynamicsNode(Node):
         response.subtrees = list(network.subtrees)
         response.revision = self._revision
         self._learned = (
-            f"{response.samples} samples: error {response.training_rms_before_rad:.4f} → "
+            f"{counted(response.samples, 'sample')}: error {response.training_rms_before_rad:.4f} → "
             f"{response.training_rms_after_rad:.4f} rad"
         )
         self.get_logger().info(f"learned from {self._learned}")

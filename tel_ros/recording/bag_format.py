@@ -25,7 +25,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.recording import topics
 from tel_ros.recording.shared_files import share_folder
 
@@ -113,7 +113,7 @@ def all_messages(bag: Path, reader: AnyReader, connections: Sequence[Connection]
     ]
     announced = sum(connection.msgcount for connection in connections)
     if len(found) != announced:
-        what = f"yields {len(found)} messages of {connections[0].topic}"
+        what = f"yields {counted(len(found), 'message')} of {connections[0].topic}"
         raise BagError(bag, what, f"the {announced} that it announces")
     return found
 

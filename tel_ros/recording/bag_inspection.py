@@ -15,7 +15,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
@@ -197,7 +197,7 @@ def _wholeness(
 ) -> tuple[Wholeness, str]:
     short = [topic for topic in found if topic.found != topic.announced]
     if short:
-        said = ", ".join(f"{t.found} messages of {t.name} instead of {t.announced}" for t in short)
+        said = ", ".join(f"{counted(t.found, 'message')} of {t.name} instead of {t.announced}" for t in short)
         return Wholeness.BROKEN, f"it yields {said}"
     try:
         check_sums(bag)

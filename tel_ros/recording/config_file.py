@@ -19,7 +19,7 @@ from tel_ros.core.config import Config, file_keys
 from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.practice.strategies import make_strategy
-from tel_ros.recording.shared_files import named_file
+from tel_ros.recording.shared_files import missing, named_file
 from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
 
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
@@ -151,13 +151,13 @@ def with_values(config: Config, values: Mapping[str, Any], source: str) -> Confi
 def read_yaml(path: Path) -> dict[str, Any]:
     """Return the keys and values in a file; InputFileError if it is missing or holds something else."""
     if not path.is_file():
-        raise InputFileError(path, "there is no such file", "a YAML file")
+        raise InputFileError(path, missing(path), "a YAML file")
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputFileError(path, f"not readable as YAML ({' '.join(str(error).split())})", "YAML") from None
     if not isinstance(raw, dict):
-        raise InputFileError(path, f"holds {type(raw).__name__}", "keys and values")
+        raise InputFileError(path, "is empty" if raw is None else f"holds {raw!r:.60}", "keys and values")
     return raw
 
 

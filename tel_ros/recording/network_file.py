@@ -28,7 +28,7 @@ from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
 from tel_ros.core.learning.registry import learner_kind
-from tel_ros.recording.shared_files import replacing
+from tel_ros.recording.shared_files import missing, replacing
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
@@ -71,7 +71,7 @@ def load_network(path: Path) -> Learner:
             ranges without width.
     """
     if not path.is_file():
-        raise NetworkFileError(path, "there is no such file", _EXPECTED)
+        raise NetworkFileError(path, missing(path), _EXPECTED)
     try:
         with np.load(path, allow_pickle=False) as file:
             return _restored(file, path)

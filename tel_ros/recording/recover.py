@@ -18,11 +18,12 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from tel_ros.core.config import RecordingConfig
-from tel_ros.core.errors import BagError
+from tel_ros.core.errors import BagError, counted
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import METADATA_FILE, bag_information, offered_qos
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, BagWriter
+from tel_ros.recording.shared_files import missing
 from tel_ros.recording.trial_bag import check_bag
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -85,7 +86,7 @@ def recover(unfinished: Path, out: Path | None = None) -> Recovery:
 
 def _data_file(unfinished: Path) -> tuple[Path, Literal["mcap", "sqlite3"]]:
     if not unfinished.is_dir():
-        raise BagError(unfinished, "there is no such folder", _EXPECTED)
+        raise BagError(unfinished, missing(unfinished, "folder"), _EXPECTED)
     for file in sorted(unfinished.iterdir()):
         if file.suffix == ".mcap":
             return file, "mcap"
@@ -191,7 +192,7 @@ def _rewrite(
     copy: Path, out: Path, metadata: dict[str, str], storage: Literal["mcap", "sqlite3"]
 ) -> dict[str, int]:
     with AnyReader([copy]) as reader:
-        saved = f"{reader.message_count} messages, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
+        saved = f"{counted(reader.message_count, 'message')}, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
         with BagWriter(out, metadata | {RECOVERED: saved}, RecordingConfig(storage=storage)) as writer:
             for connection in reader.connections:
                 offered = [offered_qos(connection.topic)]

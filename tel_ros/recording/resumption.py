@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config
-from tel_ros.core.errors import BagError, InputFileError, TrainingError
+from tel_ros.core.errors import BagError, InputFileError, TrainingError, counted
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.practice.session import PracticeSession, PractisedTrial, Prediction, predicted, trained
 from tel_ros.core.practice.strategies import make_strategy
@@ -32,6 +32,7 @@ from tel_ros.recording.run_folder import (
     trial_bags,
     written_config,
 )
+from tel_ros.recording.shared_files import missing
 from tel_ros.recording.summary import RunSummary, TrialRow
 from tel_ros.recording.trial_bag import read_report, read_trial
 from tel_ros.recording.waypoint_file import load_known_path, load_path
@@ -172,7 +173,7 @@ class Resumption:
 def resumed_config(folder: Path) -> Config:
     """Return the configuration of a run that is to go on; InputFileError if there is none."""
     if not (folder / CONFIG_FILE).is_file():
-        found = f"has no {CONFIG_FILE}" if folder.is_dir() else "there is no such folder"
+        found = f"has no {CONFIG_FILE}" if folder.is_dir() else missing(folder, "folder")
         raise InputFileError(folder, found, "the folder of a practice run")
     return load_config(folder / CONFIG_FILE)
 
@@ -192,7 +193,7 @@ def prepare_to_resume(folder: Path, config: Config) -> Resumption:
     if (folder / SUMMARY_FILE).exists():
         summary = read_summary(folder)
         if summary.get("outcome") in _ENDED and isinstance(earlier.session.next(), Ending):
-            found = f"the run is finished: {summary['outcome']}, {len(bags)} trials"
+            found = f"the run is finished: {summary['outcome']}, {counted(len(bags), 'trial')}"
             raise InputFileError(folder, found, "a run that was interrupted")
     leftovers = cut_off | dict.fromkeys(sorted((folder / UNFINISHED).glob("*")), "was never closed")
     if (folder / LOG_FOLDER).is_dir():

@@ -158,6 +158,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
         summary: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputFileError(file, "there is no such file", "the folder of a practice run") from None
+    except NotADirectoryError:
+        raise InputFileError(folder, "is a file", "the folder of a practice run") from None
     except (OSError, ValueError) as error:
         raise InputFileError(file, f"not readable ({error})", "the summary of a practice run") from error
     return summary

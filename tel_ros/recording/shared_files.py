@@ -57,6 +57,13 @@ def named_file(name: str, folder: Path, key: str = "arm.urdf") -> Path:
     raise InputFileError(name, found, f"a file of a package (key {key})")
 
 
+def missing(path: Path, wanted: str = "file") -> str:
+    """Return why there is no ``wanted``, "file" or "folder", at a path: it may be the other kind."""
+    if path.exists():
+        return "is a folder" if path.is_dir() else "is a file"
+    return f"there is no such {wanted}"
+
+
 def config_folder() -> Path:
     """Return the folder of the configurations, as it lies in a checkout or as it was installed."""
     checkout = Path(__file__).parents[2] / "config"
@@ -78,7 +85,7 @@ def named_config(name: str) -> Path:
         return path
     shipped = shipped_configs()
     if name not in shipped:
-        raise InputFileError(name, "there is no such file", f"a YAML file, or one of {', '.join(shipped)}")
+        raise InputFileError(name, missing(path), f"a YAML file, or one of {', '.join(shipped)}")
     return shipped[name]
 
 

@@ -14,7 +14,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from tel_ros.core.config import Config
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
@@ -25,6 +25,7 @@ from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.config_file import config_from, dump_config
 from tel_ros.recording.provenance import stored_files
+from tel_ros.recording.shared_files import missing
 from tel_ros.recording.trial_result import report_of
 
 _EXPECTED = "a closed rosbag2 folder of a trial"
@@ -95,7 +96,7 @@ def read_report(bag: Path) -> TrialReport:
     """Return the report of a recorded trial; BagError also if it does not hold exactly one result."""
     results = read_topic(bag, topics.TRIAL_RESULT)
     if len(results) != 1:
-        raise BagError(bag, f"holds {len(results)} trial results", "exactly one")
+        raise BagError(bag, f"holds {counted(len(results), 'trial result')}", "exactly one")
     return report_of(results[0][1])
 
 
@@ -150,16 +151,15 @@ def _trial(
     states = [state for state in states if state.trial == report.index]
     # A trial that lost the arm before its first tick has none, and is whole.
     if len(states) < report.ticks or (not states and report.outcome == Outcome.COMPLETED):
-        raise BagError(
-            bag, f"holds {len(states)} control states", f"at least the trial's {report.ticks} ticks"
-        )
+        expected = f"at least the trial's {counted(report.ticks, 'tick')}"
+        raise BagError(bag, f"holds {counted(len(states), 'control state')}", expected)
 
     def column(name: str) -> Any:
         values = [getattr(state, name) for state in states]
         lengths = {len(value) for value in values} - {len(joints)}
         if lengths:
             expected = f"one value for each of the joints {', '.join(joints)}"
-            raise BagError(bag, f"holds {lengths.pop()} values in {name}", expected)
+            raise BagError(bag, f"holds {counted(lengths.pop(), 'value')} in {name}", expected)
         return np.array(values).reshape(len(states), len(joints))
 
     derivatives = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
@@ -228,7 +228,7 @@ def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
         return np.full((n_run, n_joints), np.inf)
     if flat.size != len(goal.time_ns) * n_joints:
         expected = f"nothing, or one value for each of the {len(goal.time_ns)} points and {n_joints} joints"
-        raise BagError(bag, f"its goal holds {flat.size} values in std_rad", expected)
+        raise BagError(bag, f"its goal holds {counted(flat.size, 'value')} in std_rad", expected)
     rows = np.minimum(np.arange(n_run), len(goal.time_ns) - 1)
     std: FloatArray = flat.reshape(-1, n_joints)[rows]
     return std
@@ -243,7 +243,7 @@ def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
     """
     file = bag / METADATA_FILE
     if not file.is_file():
-        found = "there is no such folder" if not bag.is_dir() else "has no metadata.yaml: it was never closed"
+        found = "has no metadata.yaml: it was never closed" if bag.is_dir() else missing(bag, "folder")
         raise BagError(bag, found, _EXPECTED)
     try:
         metadata = dict(bag_information(bag).get("custom_data") or {})

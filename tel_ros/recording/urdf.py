@@ -16,6 +16,7 @@ from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.kinematics import ChainJoint, LinkJoint, SerialChain
 from tel_ros.core.types import FloatArray
+from tel_ros.recording.shared_files import missing
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 """Types of joints that have a position."""
@@ -55,7 +56,7 @@ class JointLimits:
 def read_urdf(path: Path) -> Any:
     """Return the parsed URDF; errors as :func:`parse_urdf`, or it is missing."""
     if not path.is_file():
-        raise InputFileError(path, "there is no such file", "a URDF file (key arm.urdf)")
+        raise InputFileError(path, missing(path), "a URDF file (key arm.urdf)")
     try:
         content = path.read_bytes()
     except OSError as error:

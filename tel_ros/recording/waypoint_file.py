@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from tel_ros.core.config import ArmConfig, PathConfig
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.paths import named_path, waypoint_path
 from tel_ros.core.types import FloatArray
+from tel_ros.recording.shared_files import missing
 
 
 def load_path(path: PathConfig, arm: ArmConfig) -> JointPath:
@@ -49,7 +50,7 @@ def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") 
         with file.open(newline="", encoding="utf-8-sig") as lines:
             rows = [(number, row) for number, row in enumerate(csv.reader(lines), start=1) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        found = "there is no such file" if isinstance(error, FileNotFoundError) else f"not readable ({error})"
+        found = f"not readable ({error})" if file.is_file() else missing(file)
         raise InputFileError(file, found, f"a CSV of waypoints (key {key})") from error
     header = [name.strip() for name in rows[0][1]] if rows else []
     if sorted(header) != sorted(joints):
@@ -59,11 +60,11 @@ def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") 
     waypoints = np.empty((len(rows) - 1, len(joints)))
     for k, (number, row) in enumerate(rows[1:]):
         if len(row) != len(joints):
-            raise InputFileError(file, f"line {number} has {len(row)} values", f"{len(joints)}")
+            raise InputFileError(file, f"line {number} has {counted(len(row), 'value')}", f"{len(joints)}")
         for name, text in zip(header, row, strict=True):
             waypoints[k, joints.index(name)] = _finite(text, file, number, name)
     if len(waypoints) < 2:
-        raise InputFileError(file, f"holds {len(waypoints)} waypoints", "at least 2")
+        raise InputFileError(file, f"holds {counted(len(waypoints), 'waypoint')}", "at least 2")
     standing = np.flatnonzero(np.all(np.diff(waypoints, axis=0) == 0.0, axis=1))
     if len(standing):
         number = rows[1 + int(standing[0]) + 1][0]

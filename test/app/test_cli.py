@@ -74,7 +74,7 @@ def test_wrong_values_are_named_with_what_was_expected(
     ("text", "parts"),
     [
         ("shoulder,elbow\n0.1,0.2\nnan,0.4\n", ["line 3", "shoulder", "nan", "a finite number in rad"]),
-        ("shoulder,elbow\n0.1,0.2\n0.3\n", ["line 3 has 1 values", "expected 2"]),
+        ("shoulder,elbow\n0.1,0.2\n0.3\n", ["line 3 has 1 value", "expected 2"]),
         ("shoulder,wrist\n0.1,0.2\n", ["line 1", "wrist", "shoulder, elbow"]),
     ],
 )
@@ -155,7 +155,7 @@ def test_a_warning_about_learning_is_said_at_the_end(
         "training_rms_before_rad",
         "training_rms_after_rad",
     )
-    trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed", "timing": None}
+    trial = {**dict.fromkeys(numbers, 0.5), "outcome": "completed", "message": "", "timing": None}
     warnings = ["", "learning lock-up: [early]", "learning lock-up: [late]", ""]
     trials = [{**trial, "index": k, "warning": text} for k, text in enumerate(warnings, start=1)]
     practice_command._show({"trials": trials, "outcome": "stopped", "message": "no way on"}, tmp_path, False)

@@ -40,7 +40,7 @@ def test_a_run_killed_in_mid_trial_goes_on_and_ends_as_without(tel: Tel, ros_dom
     resumed = TelProcess(resume, killed.folder, {"ROS_DOMAIN_ID": str(next(ros_domains))})
     code, out, err = resumed.finish(FINISH_S)
     assert code == 0, err
-    assert "after 1 whole trials" in err
+    assert "after 1 whole trial" in err
     assert (killed.folder / "set_aside" / "trial_002").is_dir()
     found = summary_of(out)
     for summary in (found, expected):

@@ -63,10 +63,18 @@ def test_a_file_that_is_no_text_is_refused_by_name(config_folder: Path) -> None:
     assert complaint(config_folder / "run.yaml").startswith(f"{config_folder}/run.yaml: not readable as YAML")
 
 
-@pytest.mark.parametrize(("content", "kind"), [("", "NoneType"), ("- a\n- b", "list"), ("words", "str")])
-def test_a_file_without_keys_is_refused(config_folder: Path, content: str, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("content", "found"), [("", "is empty"), ("- a\n- b", "holds ['a', 'b']"), ("words", "holds 'words'")]
+)
+def test_a_file_without_keys_is_refused_in_words_of_its_own(
+    config_folder: Path, content: str, found: str
+) -> None:
     (config_folder / "run.yaml").write_text(content)
-    assert complaint(config_folder / "run.yaml").endswith(f"run.yaml: holds {kind}; expected keys and values")
+    assert complaint(config_folder / "run.yaml").endswith(f"run.yaml: {found}; expected keys and values")
+
+
+def test_a_folder_is_no_configuration_and_is_said_to_be_one(config_folder: Path) -> None:
+    assert complaint(config_folder) == f"{config_folder}: is a folder; expected a YAML file"
 
 
 def test_an_unknown_section_is_refused_with_the_known_ones(edit: Edit) -> None:

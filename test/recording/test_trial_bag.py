@@ -13,7 +13,7 @@ from rosbags.typesys.store import Typestore
 from synthetic_trial import JOINTS, METADATA, SyntheticTrial
 
 from tel_ros.core.config import Config
-from tel_ros.core.errors import BagError
+from tel_ros.core.errors import BagError, counted
 from tel_ros.core.learning.signals import learning_record
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase
@@ -192,8 +192,8 @@ def test_springs_without_the_configured_ones_are_refused(tmp_path: Path, trial: 
 def test_a_std_of_another_length_is_refused(tmp_path: Path, trial: SyntheticTrial, n: int) -> None:
     trial.std_rad = np.full(n, 0.01)
     said = (
-        f"bag: its goal holds {n} values in std_rad; expected nothing, or one value for each of the 125 "
-        "points and 2 joints"
+        f"bag: its goal holds {counted(n, 'value')} in std_rad; expected nothing, or one value for each of "
+        "the 125 points and 2 joints"
     )
     with pytest.raises(BagError, match=said):
         read_trial(trial.write(tmp_path / "bag"))

@@ -66,14 +66,14 @@ def test_a_header_that_is_not_the_joints_is_refused(
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ("1,2\n3\n", "line 3 has 1 values; expected 2"),
+        ("1,2\n3\n", "line 3 has 1 value; expected 2"),
         ("\n1,2,3\n3,4\n", "line 3 has 3 values; expected 2"),
         ("1,2\nnan,3\n", "line 3: shoulder is 'nan'; expected a finite number in rad"),
         ("1,-inf\n3,4\n", "line 2: elbow is '-inf'; expected a finite number in rad"),
         ("1,\n3,4\n", "line 2: elbow is ''; expected a finite number in rad"),
         ("1, 90° \n3,4\n", "line 2: elbow is '90°'; expected a finite number in rad"),
         ("", "holds 0 waypoints; expected at least 2"),
-        ("1,2\n", "holds 1 waypoints; expected at least 2"),
+        ("1,2\n", "holds 1 waypoint; expected at least 2"),
         ("1,2\n\n3,4\n3,4.0\n5,6\n", "line 5 repeats the waypoint before it; expected waypoints that differ"),
     ],
 )
@@ -102,7 +102,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path, content: bytes) -> No
 
 
 def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match=r"not readable .*; expected a CSV of waypoints"):
+    with pytest.raises(InputFileError, match=r"is a folder; expected a CSV of waypoints"):
         read_waypoints(tmp_path, JOINTS)
 
 

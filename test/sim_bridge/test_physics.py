@@ -299,10 +299,10 @@ def test_other_simulations_in_the_process_neither_notice_nor_matter(make_arm: Ma
 
 PRINTS_FROM_C = """
 import ctypes
-from sim_bridge.physics import stdout_to_stderr
+from sim_bridge.physics import rerouted
 
 print("before")
-with stdout_to_stderr():
+with rerouted(1, to=2):
     ctypes.CDLL(None).printf(b"from C")
 print("after")
 """

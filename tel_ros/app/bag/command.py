@@ -11,7 +11,7 @@ import click
 
 from tel_ros.app.errors import EXIT_NOT_COMPLETED
 from tel_ros.app.tables import show
-from tel_ros.core.errors import BagError
+from tel_ros.core.errors import BagError, counted
 from tel_ros.recording.run_folder import is_run_folder
 
 _PATH = click.Path(path_type=Path)
@@ -150,6 +150,6 @@ def recover(unfinished: Path, out: Path | None, as_json: bool) -> None:
         return
     for topic, n in found.counts.items():
         click.echo(f"{n:8d}  {topic}")
-    click.echo(f"{found.lost_bytes} bytes after the last whole chunk are lost")
+    click.echo(f"{counted(found.lost_bytes, 'byte')} after the last whole chunk are lost")
     click.echo("the trial had ended" if found.has_result else "the end of the trial is missing")
     click.echo(f"recovered into {found.bag}, from {unfinished}")

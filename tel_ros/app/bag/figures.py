@@ -40,7 +40,7 @@ from tel_ros.app.plotting import (
 )
 from tel_ros.app.report.text import seconds
 from tel_ros.app.templates import template
-from tel_ros.core.errors import BagError, InputFileError, TelError
+from tel_ros.core.errors import BagError, InputFileError, TelError, counted
 from tel_ros.core.trial import Phase
 from tel_ros.core.types import BoolArray, FloatArray
 from tel_ros.recording.bag_inspection import inspect_bag
@@ -93,7 +93,7 @@ def _figure(bag: Path, topic: str) -> tuple[Figure, str]:
         name = f"{bag.resolve().parent.name}/{bag.resolve().name}"
         return trial_figure(trial, limits_nm, f"{name}\ntrial {trial_text(inspected.trial)}"), note
     states = read_joint_states(bag, topic)
-    title = f"{bag.resolve().name}: {states.topic}, {len(states.time_s)} joint states in "
+    title = f"{bag.resolve().name}: {states.topic}, {counted(len(states.time_s), 'joint state')} in "
     title += seconds(float(states.time_s[-1]))
     note = "" if inspected.wholeness.is_good else f"the bag is {inspected.wholeness.value}"
     return states_figure(states, title), note
@@ -155,7 +155,7 @@ def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title:
         marks.append(Patch(facecolor=PURPLE, alpha=0.12, label="stopped"))
     if clipped:
         marks.append(key("torque held back", **CLIPPED))
-    legend_below(figure, "constrained", [curves, marks] if marks else [curves])
+    legend_below(figure, curves, marks)
     return figure
 
 

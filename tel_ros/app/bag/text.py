@@ -10,7 +10,8 @@ from typing import Any
 from rich.table import Table
 
 from tel_ros.app.report.text import seconds, significant
-from tel_ros.app.tables import simple_table
+from tel_ros.app.tables import table
+from tel_ros.core.errors import counted
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.bag_inspection import InspectedBag
@@ -57,21 +58,22 @@ def head_lines(bag: InspectedBag) -> Iterator[tuple[str, str]]:
 
 def topic_table(bag: InspectedBag) -> Table:
     """Return one row a topic."""
-    table = simple_table("topic", "type", "messages", "rate Hz", "longest gap s", left=("topic", "type"))
+    rows = []
     for topic in bag.topics:
         count = str(topic.found) if topic.found == topic.announced else f"{topic.found} of {topic.announced}"
         numbers = significant(topic.rate_hz), significant(topic.longest_gap_s)
-        table.add_row(topic.name, topic.msgtype, count, *numbers)
-    return table
+        rows.append((topic.name, topic.msgtype, count, *numbers))
+    headings = ("topic", "type", "messages", "rate Hz", "longest gap s")
+    return table(headings, rows, left=("topic", "type"))
 
 
 def run_table(bags: Sequence[InspectedBag]) -> Table:
     """Return one row a bag."""
     headings = ("bag", "state", "messages", "size", "recorded", "trial", "outcome", "RMS error rad")
-    table = simple_table(*headings, left=("bag", "state", "outcome"))
+    rows = []
     for bag in bags:
         trial = bag.trial
-        table.add_row(
+        row = (
             bag.path.name,
             bag.wholeness.name.lower(),
             str(bag.n_messages),
@@ -81,7 +83,8 @@ def run_table(bags: Sequence[InspectedBag]) -> Table:
             trial.outcome.text if trial else "–",
             significant(trial.rms_error_rad) if trial else "–",
         )
-    return table
+        rows.append(row)
+    return table(headings, rows, left=("bag", "state", "outcome"))
 
 
 def trial_text(trial: TrialReport) -> str:
@@ -91,7 +94,7 @@ def trial_text(trial: TrialReport) -> str:
         f"{trial.index}, {trial.outcome.text}{why}: {seconds(trial.duration_s)}, "
         f"α {significant(trial.alpha)}, "
         f"RMS error {significant(trial.rms_error_rad)} rad, at most {significant(trial.max_error_rad)} rad, "
-        f"{trial.ticks} ticks"
+        f"{counted(trial.ticks, 'tick')}"
     )
 
 

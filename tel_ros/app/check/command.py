@@ -10,17 +10,16 @@ from functools import partial
 from pathlib import Path
 
 import click
-from rich.console import Console
+from rich.text import Text
 
 from tel_ros.app.config_argument import config_argument, namespace_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
-from tel_ros.app.tables import simple_table
+from tel_ros.app.tables import show, table
 from tel_ros.core.check.checks import worst
 from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
 from tel_ros.recording.config_file import load_config
 
-_OUT = Console()
 _COLOURS = {
     Verdict.OK: "green",
     Verdict.WARNING: "yellow",
@@ -110,19 +109,16 @@ def check(
 
 
 def _show(findings: list[Finding]) -> None:
-    if not _OUT.is_terminal:
-        _OUT.width = 140
     headings = ("check", "joint", "", "measured", "expected")
-    table = simple_table(*headings, left=headings)
-    for finding in findings:
-        mark = f"[{_COLOURS[finding.verdict]}]{finding.verdict.value}[/]"
-        table.add_row(finding.check, finding.joint, mark, finding.measured, finding.expected)
-    _OUT.print(table)
-    say = partial(_OUT.print, highlight=False, soft_wrap=True)
-    for finding in findings:
-        if finding.verdict in (Verdict.WRONG, Verdict.WARNING):
-            where = f"{finding.check} {finding.joint}".strip()
-            say(f"{finding.verdict.value}: {where}: {finding.mend}")
+    rows = [
+        (f.check, f.joint, Text(f.verdict.value, _COLOURS[f.verdict]), f.measured, f.expected)
+        for f in findings
+    ]
+    mends = [
+        f"{f.verdict.value}: {f'{f.check} {f.joint}'.strip()}: {f.mend}"
+        for f in findings
+        if f.verdict in (Verdict.WRONG, Verdict.WARNING)
+    ]
     n = Counter(finding.verdict for finding in findings)
     rest = f"{n[Verdict.WARNING]} warnings, {n[Verdict.NOT_CHECKED]} not checked"
     line = f"nothing wrong, {rest}"
@@ -130,4 +126,4 @@ def _show(findings: list[Finding]) -> None:
         line = f"{n[Verdict.WRONG]} things are wrong, {rest}: fix them before the arm moves"
     elif any(f.check == "pulses" and f.verdict is Verdict.NOT_CHECKED for f in findings):
         line = f"nothing wrong as far as listening shows, {rest}"
-    say(f"verdict  {line}")
+    show(table(headings, rows, left=headings), *mends, f"verdict  {line}")

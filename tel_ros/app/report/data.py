@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -48,34 +49,27 @@ class DrawnTrial:
         """Share of the errors, over all joints, within the band where there is one; NaN without a band."""
         std_rad = self.recorded.command_std_rad
         known = np.isfinite(std_rad)
-        if not known.any():
-            return math.nan
-        return float(np.mean(np.abs(self.error_rad[known]) <= 2.0 * std_rad[known]))
+        within = np.abs(self.error_rad[known]) <= 2.0 * std_rad[known]
+        return float(np.mean(within)) if known.any() else math.nan
 
 
 @dataclass(frozen=True)
 class RunData:
-    """Everything that a report shows of a run.
-
-    Args:
-        folder: of the run.
-        config: as written in the folder.
-        outcome: of the run.
-        message: why it did not complete.
-        trials: all of them, in order; at least one.
-        drawn: the first, the middle and the last of those that can be drawn, each once.
-        drawable: all that can be drawn, as far as is known without reading them.
-        notes: what is missing from the report, and why.
-    """
+    """Everything that a report shows of a run, with its configuration as written in the folder."""
 
     folder: Path
     config: Config
     outcome: str
     message: str
+    """Why it did not complete."""
     trials: tuple[TrialRow, ...]
+    """All of them, in order; at least one."""
     drawn: tuple[DrawnTrial, ...]
+    """The first, the middle and the last of those that can be drawn, each once."""
     drawable: tuple[TrialRow, ...]
+    """All that can be drawn, as far as is known without reading them."""
     notes: tuple[str, ...]
+    """What is missing from the report, and why."""
 
     @property
     def varies_speed_alone(self) -> bool:
@@ -84,10 +78,21 @@ class RunData:
         return practice.strategy != "subtasks" and tuple(practice.vary) == ("speed",)
 
     @property
+    def why_not_drawn(self) -> str:
+        """Why no movement can be drawn; empty: some can."""
+        return "" if self.drawn else "Nothing to draw: there is no trial with a movement and a readable bag."
+
+    @property
     def chain(self) -> SerialChain:
         """From the base to the hand."""
         arm = self.config.arm
         return chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
+
+    def require_bags(self, page: Path) -> None:
+        """Raise a BagError if trials had a movement and not one of their bags can be used, with all said."""
+        if not self.drawn and any(not _problem(trial) for trial in self.trials):
+            found = f"none of its bags can be used ({'; '.join(self.notes)})"
+            raise BagError(self.folder, found, f"bags of trials; {page} shows the summary alone")
 
 
 def read_run(folder: Path) -> RunData:
@@ -97,22 +102,29 @@ def read_run(folder: Path) -> RunData:
         InputFileError: there is no summary, no configuration or no trial.
         ConfigError: the configuration is wrong.
     """
-    summary = read_summary(folder)
-    trials = _trials(folder / SUMMARY_FILE, summary)
+    file, summary = folder / SUMMARY_FILE, read_summary(folder)
+    try:
+        trials = tuple(TrialRow.from_plain(row) for row in summary["trials"])
+        outcome, message = str(summary.get("outcome", "unknown")), str(summary.get("message") or "")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        found = "not readable: its trials do not have what a trial has"
+        raise InputFileError(file, found, "the summary of a practice run") from error
+    if not trials:
+        why = f": {message}" if message else ""
+        raise InputFileError(file, f"holds no trial{why}", "a run with at least one trial to report on")
     config = load_config(folder / CONFIG_FILE)
     drawn, drawable, notes = _drawn(folder, trials, config.arm.joints)
-    unfinished = sorted(bag.name for bag in (folder / UNFINISHED).glob("*") if bag.is_dir())
     notes += [
-        f"The recording {bag} was never finished; what there is lies in {UNFINISHED}." for bag in unfinished
+        f"The recording {bag.name} was never finished; what there is lies in {UNFINISHED}."
+        for bag in sorted((folder / UNFINISHED).glob("*"))
+        if bag.is_dir()
     ]
-    outcome, message = str(summary.get("outcome", "unknown")), str(summary.get("message") or "")
     return RunData(folder, config, outcome, message, trials, drawn, drawable, tuple(notes))
 
 
 def spread(items: Sequence[Item]) -> list[Item]:
     """Return the first, the middle and the last, each once."""
-    places = sorted({0, len(items) // 2, len(items) - 1}) if items else []
-    return [items[place] for place in places]
+    return [items[place] for place in sorted({0, len(items) // 2, len(items) - 1})] if items else []
 
 
 def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
@@ -122,28 +134,12 @@ def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
     """
     read = {trial.summary.index: trial for trial in run.drawn}
     found = []
-    for place in evenly_spaced(len(run.drawable), most):
-        summary = run.drawable[place]
+    for row in (run.drawable[place] for place in evenly_spaced(len(run.drawable), most)):
         try:
-            found.append(
-                read.get(summary.index)
-                or DrawnTrial(summary, _read(run.folder / summary.bag, run.config.arm.joints))
-            )
+            found.append(read.get(row.index) or _read(run.folder, row, run.config.arm.joints))
         except BagError:
             continue
     return found
-
-
-def _trials(file: Path, summary: Mapping[str, Any]) -> tuple[TrialRow, ...]:
-    expected = "the summary of a practice run"
-    try:
-        trials = tuple(TrialRow.from_plain(row) for row in summary["trials"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputFileError(file, f"not readable ({type(error).__name__}: {error})", expected) from error
-    if not trials:
-        why = f": {summary['message']}" if summary.get("message") else ""
-        raise InputFileError(file, f"holds no trial{why}", "a run with at least one trial to report on")
-    return trials
 
 
 def _drawn(
@@ -151,25 +147,29 @@ def _drawn(
 ) -> tuple[tuple[DrawnTrial, ...], tuple[TrialRow, ...], list[str]]:
     """Read the bags of the trials to draw, taking others in place of those that cannot be read."""
     problems = {trial.index: why for trial in trials if (why := _problem(trial))}
-    read: dict[int, RecordedTrial] = {}
+    read: dict[int, DrawnTrial] = {}
+
+    @contextmanager
+    def noted(trial: TrialRow) -> Iterator[None]:
+        try:
+            yield
+        except BagError as error:
+            # Names relative to the run: a report is read on other machines, too.
+            problems[trial.index] = f"its bag cannot be used: {error}".replace(f"{folder}/", "")
+
     while True:
         chosen = spread([trial for trial in trials if trial.index not in problems])
-        unread = [trial for trial in chosen if trial.index not in read]
-        if not unread:
+        if not (unread := [trial for trial in chosen if trial.index not in read]):
             break
         for trial in unread:
-            try:
-                read[trial.index] = _read(folder / trial.bag, joints)
-            except BagError as error:
-                problems[trial.index] = _complaint(folder, error)
+            with noted(trial):
+                read[trial.index] = _read(folder, trial, joints)
     for trial in trials:
-        if trial.bag and trial.index not in (problems.keys() | read.keys()):
-            try:
+        if trial.index not in (problems.keys() | read.keys()):
+            with noted(trial):
                 check_bag(folder / trial.bag)
-            except BagError as error:
-                problems[trial.index] = _complaint(folder, error)
     return (
-        tuple(DrawnTrial(trial, read[trial.index]) for trial in chosen),
+        tuple(read[trial.index] for trial in chosen),
         tuple(trial for trial in trials if trial.index not in problems),
         [f"Trial {index} is not drawn: {problem}." for index, problem in sorted(problems.items())],
     )
@@ -182,15 +182,11 @@ def _problem(trial: TrialRow) -> str:
     return "" if trial.reached_run else f"it was {trial.outcome.text} before the movement began"
 
 
-def _read(bag: Path, joints: tuple[str, ...]) -> RecordedTrial:
+def _read(folder: Path, row: TrialRow, joints: tuple[str, ...]) -> DrawnTrial:
+    bag = folder / row.bag
     trial = read_trial(bag)
     if trial.joints != joints:
         raise BagError(bag, f"has the joints {', '.join(trial.joints)}", f"{', '.join(joints)}")
     if not trial.run.any():
         raise BagError(bag, "holds no control state of the movement", "some")
-    return trial
-
-
-def _complaint(folder: Path, error: BagError) -> str:
-    # Names relative to the run: a report is read on other machines, too.
-    return f"its bag cannot be used: {error}".replace(f"{folder}/", "")
+    return DrawnTrial(row, trial)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -32,18 +31,18 @@ from tel_ros.app.plotting import (
     PURPLE,
     SOFT,
     WIDTH_IN,
+    broken_off,
     draw_limit,
     key,
     legend_below,
     mark_saturated,
     scale_errors,
 )
-from tel_ros.app.report.data import DrawnTrial, TrialRow
+from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow
 from tel_ros.app.report.text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import FloatArray, evenly_spaced
 
-_TRIAL_COLOURS = (ORANGE, GREEN, BLUE)
 _START: dict[str, Any] = {
     "marker": "o",
     "markersize": 5.0,
@@ -59,23 +58,17 @@ class PathPanel:
     """The path of the hand in RUN of one trial, in the plane it is drawn in; arrays of shape (n, 2) in m."""
 
     title: str
+    trial: TrialRow
     desired_m: FloatArray
     actual_m: FloatArray
     equilibrium_m: FloatArray
     """Where the hand would come to rest under the command."""
-    completed: bool
 
 
 def path_panels(
     drawn: Sequence[DrawnTrial], chain: SerialChain, most_points: int = sys.maxsize
 ) -> tuple[list[PathPanel], str, list[str]]:
-    """Return a panel of the hand's path for each trial, a sentence about their plane, labels of its axes.
-
-    Args:
-        drawn: the trials; at least one.
-        chain: from the base to the hand.
-        most_points: of a curve.
-    """
+    """Return a panel of the hand's path for each trial, a sentence about their plane, labels of its axes."""
     paths = []
     for trial in (each.recorded for each in drawn):
         angles = (trial.desired[:, : len(trial.joints)], trial.position_rad, trial.equilibrium_rad)
@@ -87,12 +80,11 @@ def path_panels(
 
     panels = [
         PathPanel(
-            f"{trial_label(trial.summary)}\n{seconds(trial.summary.duration_s)}, "
-            f"RMS error {significant(trial.summary.rms_error_rad)} rad",
-            *(shown(path[0]), shown(path[1]), shown(path[2])),
-            completed=trial.summary.completed,
+            f"{trial_label(row)}\n{seconds(row.duration_s)}, RMS error {significant(row.rms_error_rad)} rad",
+            row,
+            *map(shown, path),
         )
-        for trial, path in zip(drawn, paths, strict=True)
+        for row, path in zip((each.summary for each in drawn), paths, strict=True)
     ]
     return panels, plane.description, [f"{name} [m]" for name in plane.names]
 
@@ -114,7 +106,7 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
             axes.tick_params(labelbottom=True)
         if place % columns == 0:
             axes.set_ylabel(labels[1])
-    legend_below(figure, "compressed", [_path_handles(panels)])
+    legend_below(figure, _path_handles(panels))
     return figure
 
 
@@ -124,7 +116,7 @@ def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterato
     size_in = min(WIDTH_IN - 0.75, 4.0 / aspect)
     figure = Figure(figsize=(WIDTH_IN, size_in * aspect + 1.15), layout="compressed")
     axes = figure.subplots()
-    legend_below(figure, "compressed", [_path_handles(panels)])
+    legend_below(figure, _path_handles(panels))
     for place, panel in enumerate(panels):
         axes.clear()
         _draw_path(axes, panel, *corners_m)
@@ -136,15 +128,13 @@ def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterato
 
 
 def _path_handles(panels: Sequence[PathPanel]) -> list[Line2D]:
-    handles = [
+    return [
         key("desired", color=INK, linestyle=DOTS, linewidth=1.0),
         key("actual", color=BLUE, linewidth=1.0),
         key("equilibrium point (EP)", color=GREY, linewidth=1.4),
         key("start", **_START),
+        *broken_off(panel.trial for panel in panels),
     ]
-    if not all(panel.completed for panel in panels):
-        handles.append(key("broken off", **BROKEN_OFF))
-    return handles
 
 
 def _frame(panels: Sequence[PathPanel]) -> tuple[FloatArray, FloatArray, float]:
@@ -169,7 +159,7 @@ def _draw_path(axes: Axes, panel: PathPanel, low: FloatArray, high: FloatArray) 
     axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
     axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
     axes.plot(*panel.actual_m[0], **_START)
-    if not panel.completed:
+    if not panel.trial.completed:
         axes.plot(*panel.actual_m[-1], **BROKEN_OFF)
     axes.set_title(panel.title, linespacing=1.4)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -178,24 +168,22 @@ def _draw_path(axes: Axes, panel: PathPanel, low: FloatArray, high: FloatArray) 
         axis.set_major_locator(MultipleLocator(tick_m))
 
 
-def effort_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str], limits_nm: Sequence[float]) -> Figure:
+def effort_figure(run: RunData) -> Figure:
     """Return the commanded effort of each joint over the movement, with limits and clipping."""
-    figure, panels = movement_panels(joints)
+    figure, panels = movement_panels(run.config.arm.joints)
     clipped = limited = False
     for joint, axes in enumerate(panels):
-        for trial, colour in zip(drawn, _colours(drawn), strict=True):
-            time, effort_nm = movement_time(trial), trial.recorded.effort_nm[trial.recorded.run, joint]
+        for trial, colour in _coloured(run.drawn):
+            recorded, time = trial.recorded, movement_time(trial)
+            effort_nm = recorded.effort_nm[recorded.run, joint]
             axes.plot(time, effort_nm, color=colour, linewidth=0.9)
-            saturated = trial.recorded.saturated[trial.recorded.run, joint]
-            clipped |= mark_saturated(axes, time, effort_nm, saturated)
-        limited |= draw_limit(axes, limits_nm[joint])
+            clipped |= mark_saturated(axes, time, effort_nm, recorded.saturated[recorded.run, joint])
+        limited |= draw_limit(axes, run.config.arm.effort_limit_nm[joint])
         axes.set_ylabel("torque [N·m]")
-    handles = _trial_handles(drawn)
-    if limited:
-        handles.append(key("limit", **LIMIT))
-    if clipped:
-        handles.append(key("clipped at the limit", **CLIPPED))
-    legend_below(figure, "constrained", [handles])
+    handles = _trial_handles(run.drawn)
+    handles += [key("limit", **LIMIT)] if limited else []
+    handles += [key("clipped at the limit", **CLIPPED)] if clipped else []
+    legend_below(figure, handles)
     return figure
 
 
@@ -205,12 +193,11 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
     A trial whose error the network expected has panels of its own with the band: in one panel, the error of a
     trial before learning or the wider band of a faster one would hide it.
     """
-    coloured = list(zip(drawn, _colours(drawn), strict=True))
-    banded = [(trial, colour) for trial, colour in coloured if trial.is_std_known]
-    columns = [(trial_label(trial.summary).lower(), [(trial, colour)], True) for trial, colour in banded]
+    banded = [each for each in _coloured(drawn) if each[0].is_std_known]
+    columns = [(trial_label(each[0].summary).lower(), [each], True) for each in banded]
     if len(banded) < len(drawn):
         numbers = enumeration([str(trial.summary.index) for trial in drawn])
-        columns.insert(0, (f"trials {numbers}", coloured, False))
+        columns.insert(0, (f"trials {numbers}", _coloured(drawn), False))
     titles = [f"{joint}: {head}" if banded else joint for joint in joints for head, *_ in columns]
     figure, panels = movement_panels(titles, max(2, len(columns)))
     for place, axes in enumerate(panels):
@@ -222,23 +209,19 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
             draw_error(axes, trial, joint, {}, color=colour, linewidth=1.1)
         if column == 0:
             axes.set_ylabel("actual − desired [rad]")
-    handles: list[Artist] = list(_trial_handles(drawn))
-    if not all(trial.summary.completed for trial in drawn):
-        handles.append(key("broken off", **BROKEN_OFF))
-    rows = [handles]
-    if banded:
-        band = "±2 standard deviations that the network expected of its command"
-        rows.append([Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=band)])
-    legend_below(figure, "constrained", rows)
+    handles = [*_trial_handles(drawn), *broken_off(trial.summary for trial in drawn)]
+    band = "±2 standard deviations that the network expected of its command"
+    bands = [Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=band)] if banded else []
+    legend_below(figure, handles, bands)
     return figure
 
 
-def draw_error(axes: Axes, trial: DrawnTrial, joint: int, broken_off: dict[str, Any], **style: Any) -> None:
+def draw_error(axes: Axes, trial: DrawnTrial, joint: int, mark: dict[str, Any], **style: Any) -> None:
     """Draw measured minus desired position of a joint, and where the trial was broken off if it was."""
     time, error_rad = movement_time(trial), trial.error_rad[:, joint]
     axes.plot(time, error_rad, **style)
     if not trial.summary.completed:
-        axes.plot(time[-1], error_rad[-1], **(BROKEN_OFF | broken_off))
+        axes.plot(time[-1], error_rad[-1], **(BROKEN_OFF | mark))
 
 
 def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
@@ -279,20 +262,21 @@ def movement_time(trial: DrawnTrial) -> FloatArray:
     return time
 
 
-def _colours(drawn: Sequence[DrawnTrial]) -> tuple[str, ...]:
-    return _TRIAL_COLOURS[-len(drawn) :] if len(drawn) != 2 else (_TRIAL_COLOURS[0], _TRIAL_COLOURS[-1])
+def _coloured(drawn: Sequence[DrawnTrial]) -> list[tuple[DrawnTrial, str]]:
+    colours = (ORANGE, BLUE) if len(drawn) == 2 else (ORANGE, GREEN, BLUE)[-len(drawn) :]
+    return list(zip(drawn, colours, strict=True))
 
 
 def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
     return [
         key(f"{trial_label(trial.summary)} ({seconds(trial.summary.duration_s)})", color=colour)
-        for trial, colour in zip(drawn, _colours(drawn), strict=True)
+        for trial, colour in _coloured(drawn)
     ]
 
 
-def practice_figure(trials: Sequence[TrialRow]) -> Figure:
+def practice_figure(run: RunData) -> Figure:
     """Return tracking error, training error and duration over the trials of a run."""
-    figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
+    figure, trials = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained"), run.trials
     tracking, training, duration = figure.subplots(1, 3)
     rms = [t.rms_error_rad for t in trials]
     peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
@@ -304,10 +288,9 @@ def practice_figure(trials: Sequence[TrialRow]) -> Figure:
     training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
     over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
     duration.set(title="Duration of the movement", ylabel="duration [s]")
-    duration.set_ylim(bottom=0.0)
-    if not all(trial.completed for trial in trials):
-        mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
-        legend_below(figure, "constrained", [[mark]])
+    duration.set_ylim(0.0, 1.06 * max(trial.duration_s for trial in trials))
+    mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
+    legend_below(figure, [] if all(trial.completed for trial in trials) else [mark])
     return figure
 
 
@@ -333,9 +316,25 @@ def over_trials(
         axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
         axes.set_yticks([])
     axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
+    count_trials(axes)
+    if known and any(label for _, label, *_ in series):
+        _legend_above(axes, len(series))
+
+
+def _legend_above(axes: Axes, entries: int) -> None:
+    """Put a legend over the curves, in room that is made for it: it covers no marker."""
+    columns = 1 if entries < 3 else 2
+    legend_in = 0.19 * math.ceil(entries / columns) + 0.12
+    share = legend_in / axes.bbox.transformed(axes.figure.dpi_scale_trans.inverted()).height
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(axes.get_ylim())
+    axes.set_ylim(top=float(scale.inverted().transform(low + (high - low) / (1.0 - share))))
+    axes.legend(loc="upper right", ncols=columns, borderaxespad=0.0)
+
+
+def count_trials(axes: Axes) -> None:
+    """Give the horizontal axis whole numbers, and the vertical one lines behind the curves."""
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
     axes.set_xlabel("trial")
     axes.grid(axis="y")
     axes.set_axisbelow(True)
-    if known and any(label for _, label, *_ in series):
-        axes.legend(loc="best")

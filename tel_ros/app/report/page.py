@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,19 +34,18 @@ class Content:
 
 @dataclass(frozen=True)
 class Section(Generic[Data]):
-    """A part of a report.
-
-    Args:
-        id: on the page.
-        title: its heading.
-        content: makes what it shows, in the style of the figures; None: the section is left out.
-        file: name of the figure's files, without ending; empty: the section never has a figure.
-    """
+    """A part of a report; ``id`` is its place on the page."""
 
     id: str
     title: str
-    content: Callable[[Data], Content | None]
+    content: Callable[[Data], Content | Figure | None]
+    """Makes what it shows, in the style of the figures; None: the section is left out."""
     file: str = ""
+    """Name of the figure's files, without ending; empty: the section never has a figure."""
+    caption: str = ""
+    """Of a figure that comes without one."""
+    of_movements: bool = False
+    """Whether ``data.why_not_drawn``, if it is not empty, stands in place of its content."""
 
 
 def write_page(
@@ -54,18 +54,16 @@ def write_page(
     """Write ``report.html`` and the figures of all sections into a folder, and return the page's path.
 
     Figures of an earlier report in other formats are removed. ``head`` is ``title``, ``header`` and
-    ``footer`` of the page.
-
-    Raises:
-        InputFileError: something cannot be written.
+    ``footer`` of the page. InputFileError if something cannot be written.
     """
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         made = [each for section in sections if (each := _made(folder, section, data, formats)) is not None]
         html = template("page.html.j2").render(head, sections=made, palette=PALETTE)
         write_atomically(folder / REPORT_FILE, html + "\n")
     except OSError as error:
-        problem = f"cannot be written ({error.strerror})"
-        raise InputFileError(error.filename or folder, problem, "room for a report") from error
+        problem = "is a file" if error.errno == errno.EEXIST else f"cannot be written ({error.strerror})"
+        raise InputFileError(error.filename or folder, problem, "a folder with room for a report") from error
     return folder / REPORT_FILE
 
 
@@ -73,7 +71,10 @@ def _made(folder: Path, section: Section[Data], data: Data, formats: Sequence[st
     """Return what the page needs of a section, with the figure as SVG, and write the figure's files."""
     figures, svg = folder / FIGURE_FOLDER, ""
     with figure_style(section.file or section.id):
-        content = section.content(data)
+        why_not = str(getattr(data, "why_not_drawn", "")) if section.of_movements else ""
+        content = Content(caption=why_not) if why_not else section.content(data)
+        if isinstance(content, Figure):
+            content = Content(content, section.caption)
         if content is not None and content.figure is not None:
             figures.mkdir(exist_ok=True)
             for kind in formats:

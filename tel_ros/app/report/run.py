@@ -23,19 +23,16 @@ from tel_ros.app.report.figures import (
     tracking_figure,
 )
 from tel_ros.app.report.page import Content, Section, block, write_page
-from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
+from tel_ros.recording.run_folder import SUMMARY_FILE
 
 MOST_STEPS = 16
 _STEP_POINTS = 400
 """Points of a curve in the section that steps through the trials."""
 _TEMPLATE = "run.html.j2"
-_NOTHING_DRAWN = Content(caption="Nothing to draw: there is no trial with a movement and a readable bag.")
 
 
 def hand_path(run: RunData) -> Content:
     """[Practice] Fig. 2 of the first, the middle and the last trial."""
-    if not run.drawn:
-        return _NOTHING_DRAWN
     panels, plane, labels = path_panels(run.drawn, run.chain)
     return Content(hand_path_figure(panels, labels), text.path_caption(plane))
 
@@ -54,38 +51,9 @@ def steps(run: RunData) -> Content | None:
     return Content(html=block(_TEMPLATE, "steps", pictures=pictures))
 
 
-def practice(run: RunData) -> Content:
-    """Errors and durations over the trials."""
-    return Content(
-        practice_figure(run.trials),
-        "Errors and durations of all trials. Tracking error: measured minus desired joint position, over all "
-        "joints. Training error: the network's error on the commands of the trial just done, before and "
-        "after it has learned from it.",
-    )
-
-
-def effort(run: RunData) -> Content:
-    """Torque of each joint over the movement."""
-    if not run.drawn:
-        return _NOTHING_DRAWN
-    return Content(
-        effort_figure(run.drawn, run.config.arm.joints, run.config.arm.effort_limit_nm),
-        "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit that "
-        "is far off the scale is named instead of drawn.",
-    )
-
-
 def tracking(run: RunData) -> Content:
     """Error of each joint over the movement."""
-    if not run.drawn:
-        return _NOTHING_DRAWN
     return Content(tracking_figure(run.drawn, run.config.arm.joints), text.tracking_caption(run.drawn))
-
-
-def configuration(run: RunData) -> Content:
-    """The configuration as it is in the folder of the run."""
-    written = (run.folder / CONFIG_FILE).read_text(encoding="utf-8")
-    return Content(html=block(_TEMPLATE, "configuration", configuration=written))
 
 
 def _table(
@@ -98,11 +66,27 @@ def _table(
 
 
 RESULTS: tuple[Section[RunData], ...] = (
-    Section("hand-path", "Path of the hand", hand_path, "hand_path"),
+    Section("hand-path", "Path of the hand", hand_path, "hand_path", of_movements=True),
     Section("steps", "From trial to trial", steps),
-    Section("errors", "Error and duration of each trial", practice, "practice"),
-    Section("torques", "Torques", effort, "effort"),
-    Section("tracking", "Tracking error of the joints", tracking, "tracking"),
+    Section(
+        "errors",
+        "Error and duration of each trial",
+        practice_figure,
+        "practice",
+        "Errors and durations of all trials. Tracking error: measured minus desired joint position, over all "
+        "joints. Training error: the network's error on the commands of the trial just done, before and "
+        "after it has learned from it.",
+    ),
+    Section(
+        "torques",
+        "Torques",
+        effort_figure,
+        "effort",
+        "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit that "
+        "is far off the scale is named instead of drawn.",
+        of_movements=True,
+    ),
+    Section("tracking", "Tracking error of the joints", tracking, "tracking", of_movements=True),
     Section("trials", "Trials", _table("trials")),
     Section("timing", "Timing of the control loop", _table("timing", lambda trial: trial.timing)),
     Section("decisions", "Why these trials", _table("decisions", lambda trial: trial.reason)),
@@ -110,7 +94,7 @@ RESULTS: tuple[Section[RunData], ...] = (
 """Sections of other packages (entry points of the group ``tel_ros.report_sections``) follow these."""
 DETAILS: tuple[Section[RunData], ...] = (
     Section("growth", "What grew in the network", _table("growth")),
-    Section("configuration", "Configuration", configuration),
+    Section("configuration", "Configuration", _table("configuration")),
     Section("versions", "Versions", _table("versions")),
 )
 
@@ -118,15 +102,14 @@ DETAILS: tuple[Section[RunData], ...] = (
 def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     """Write ``report.html`` and the figures of a practice run into its folder, and return the page's path.
 
-    Figures of an earlier report in other formats are removed.
-
     Raises:
-        InputFileError: the folder is not that of a run with at least one trial, or cannot be written.
+        InputFileError: the folder is not that of a run with at least one trial, or cannot be written; as
+            BagError, after the page is written: not one bag can be used.
     """
     run, name = read_run(folder), folder.resolve().name
     date = f"{datetime.fromtimestamp((folder / SUMMARY_FILE).stat().st_mtime).astimezone():%Y-%m-%d %H:%M}"
     others = [load(place) for place in extensions("tel_ros.report_sections").values()]
-    return write_page(
+    page = write_page(
         folder,
         (*RESULTS, *others, *DETAILS),
         run,
@@ -136,3 +119,5 @@ def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
         footer=f"Made by tel_ros {__version__} from the bags and the summary of the run; the summary is of "
         f"{date}, by the date of its file. Bags that are not drawn were opened, but not read to their end.",
     )
+    run.require_bags(page)
+    return page

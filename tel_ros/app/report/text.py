@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from tel_ros.app.report.data import DrawnTrial, RunData
 from tel_ros.app.tables import NOTHING
+from tel_ros.core.errors import counted
 from tel_ros.recording.summary import TrialRow
 
 
@@ -57,7 +58,7 @@ def ending(run: RunData) -> str:
     # A strategy that has come to its end needed no more trials than it made.
     over = run.outcome in ("completed", "stopped")
     planned = len(run.trials) if over else len(practice.durations_s) or practice.trials
-    trials = f"{done} of {planned} {'trial' if planned == 1 else 'trials'} completed"
+    trials = f"{done} of {counted(planned, 'trial')} completed"
     if run.outcome == "completed":
         return f"{run.message.rstrip('.')}. {trials}." if run.message else f"{trials}."
     if run.outcome == "running":

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tel_ros.core.check.evidence import Evidence, Finding, Pulse, Silence, Verdict, judged, unchecked
+from tel_ros.core.errors import counted
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 DELAY_PERIODS = 2.5
@@ -35,7 +36,7 @@ def delay(seen: Evidence) -> Iterator[Finding]:
         return
     delay_s = float(np.median(known))
     spread = f"{min(known) * 1e3:.1f} to {max(known) * 1e3:.1f} ms"
-    measured = f"{delay_s * 1e3:.1f} ms (median of {len(known)} pulses, {spread})"
+    measured = f"{delay_s * 1e3:.1f} ms (median of {counted(len(known), 'pulse')}, {spread})"
     mend = (
         "look for filters and queues in the driver, the bus cycle and the network; command from the arm's "
         "own machine"

@@ -11,7 +11,7 @@ import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.trajectory import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
@@ -117,7 +117,7 @@ class Limits:
         """
         desired, n_joints = goal.desired, len(self.joints)
         if desired.n_joints != n_joints:
-            raise TrajectoryError(f"the goal has {desired.n_joints} joints; expected {n_joints}")
+            raise TrajectoryError(f"the goal has {counted(desired.n_joints, 'joint')}; expected {n_joints}")
         for values, low, high, unit in (
             (desired.position_rad, self.position_min_rad, self.position_max_rad, "rad"),
             (desired.velocity_rad_s, -self.velocity_rad_s, self.velocity_rad_s, "rad/s"),

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.types import BoolArray, FloatArray
 
 _FEWEST = 50
@@ -88,7 +88,8 @@ class JointRecording:
             if not good:
                 raise InputFileError(self.source, found, expected)
 
-        require(len(self.time_s) >= _FEWEST, f"holds {len(self.time_s)} samples", f"at least {_FEWEST}")
+        n = len(self.time_s)
+        require(n >= _FEWEST, f"holds {counted(n, 'sample')}", f"at least {_FEWEST}")
         step_s = np.diff(self.time_s)
         if np.any(step_s < 0.0):
             k = int(np.argmax(step_s < 0.0)) + 1

@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used: half a second that most processes do without
 
 from tel_ros.core.config import LearningConfig
-from tel_ros.core.errors import TrainingError
+from tel_ros.core.errors import TrainingError, counted
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.learning.noise import (
     choose_cutoff_hz,
@@ -136,7 +136,8 @@ def training_samples(
     """
     n_run = int(np.count_nonzero(trial.run))
     if n_run < _SHORTEST_RECORD:
-        raise TrainingError(f"the trial has {n_run} ticks of RUN; expected at least {_SHORTEST_RECORD}")
+        found = counted(n_run, "tick")
+        raise TrainingError(f"the trial has {found} of RUN; expected at least {_SHORTEST_RECORD}")
     for name in ("desired", "position_rad", "equilibrium_rad"):
         if not np.all(np.isfinite(getattr(trial, name))):
             raise TrainingError(f"{name} of the trial has values that are not finite")
@@ -192,7 +193,7 @@ def _untouched_by_saturation(trial: TrialSignals, reach: int) -> BoolArray:
     if n_kept < _SHORTEST_RECORD:
         raise TrainingError(
             f"the effort was clipped, or held back for states that came late, in {n_clipped} of the "
-            f"{len(kept)} ticks of RUN, which leaves {n_kept} to learn from; expected at least "
+            f"{counted(len(kept), 'tick')} of RUN, which leaves {n_kept} to learn from; expected at least "
             f"{_SHORTEST_RECORD}. Move slower, or raise the effort limit; against late states: "
             "docs/realtime.md."
         )

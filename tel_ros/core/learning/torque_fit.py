@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tel_ros.core.errors import TrainingError
+from tel_ros.core.errors import TrainingError, counted
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.torque_samples import TorqueSamples, recorded_range
@@ -200,8 +200,9 @@ def blocks_of(parts: Sequence[TorqueSamples]) -> list[Block]:
         found += [Block(index, a, b) for a, b in zip(bounds, bounds[1:], strict=False)]
     if len(found) < N_FOLDS:
         raise TrainingError(
-            f"there are {total_s:.3g} s in {len(parts)} unbroken parts, which make {len(found)} blocks of "
-            f"{block_s:.3g} s; expected at least {N_FOLDS}, so that some can be held out. Record longer."
+            f"there are {total_s:.3g} s in {counted(len(parts), 'unbroken part')}, "
+            f"which make {counted(len(found), 'block')} of {block_s:.3g} s; "
+            f"expected at least {N_FOLDS}, so that some can be held out. Record longer."
         )
     return found
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tel_ros.core.config import Config
+from tel_ros.core.errors import counted
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.feasibility import EffortLimit
 from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial
@@ -118,8 +119,8 @@ class AdaptiveExtension:
             how = f"was aborted: {last.message}" if aborted else f"had {_mrad(last.rms_error_rad)} RMS"
             return Ending(
                 "aborted" if aborted else "stopped",
-                f"{self._goal} was not reached within {self._practice.trials} trials: the last one, at "
-                f"{self._reached(last)}, {how}",
+                f"{self._goal} was not reached within {counted(self._practice.trials, 'trial')}: "
+                f"the last one, at {self._reached(last)}, {how}",
             )
         return decision
 
@@ -165,14 +166,14 @@ class AdaptiveExtension:
         if at_the_end and error_rad <= tolerance_rad:
             if at_goal:
                 reached = f"{self._course.goal_text} reached with {_mrad(error_rad)} RMS"
-                return Ending("completed", f"{reached} after {last.index} trials")
+                return Ending("completed", f"{reached} after {counted(last.index, 'trial')}")
             return Ending(
                 "stopped",
                 f"{self._course.goal_text} cannot be reached: "
                 f"{self._effort.needed_text(self._course.goal.duration_s)}; about "
                 f"{self._course.movement(hardest).duration_s:.2f} s is the fastest that the effort limits "
                 f"allow, and {self._reached(last)} was reached with {_mrad(error_rad)} RMS after "
-                f"{last.index} trials",
+                f"{counted(last.index, 'trial')}",
             )
         return self._extended(hardest, forecast)
 

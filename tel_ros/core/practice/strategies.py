@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tel_ros.core.config import Config, PracticeConfig
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.errors import ConfigError, counted
 from tel_ros.core.plugins import plugin
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
@@ -158,7 +158,7 @@ class Subtasks:
                 return decision
             trials = self._config.practice.trials
             if last.index >= trials:
-                done = f"{trials} trials are over after {self._stages[self._current][0]}"
+                done = f"{counted(trials, 'trial')} used up after {self._stages[self._current][0]}"
                 return Ending("stopped", f"{done}: {decision.message}")
             self._current += 1
             self._strategy = self._begin(self._current, first_index=last.index + 1)

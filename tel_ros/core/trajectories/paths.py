@@ -8,7 +8,7 @@ from math import pi
 
 import numpy as np
 
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.errors import ConfigError, counted
 from tel_ros.core.types import FloatArray
 
 Derivatives = tuple[FloatArray, FloatArray, FloatArray]
@@ -107,7 +107,8 @@ def named_path(name: str, n_joints: int, key: str = "path.name") -> Path:
         raise ConfigError(key, name, f"one of {', '.join(sorted(NAMED_PATHS))}")
     path = NAMED_PATHS[name]
     if path.n_joints != n_joints:
-        raise ConfigError(key, name, f"a path for {n_joints} joints (this one is for {path.n_joints})")
+        expected = f"a path for {counted(n_joints, 'joint')} (this one is for {path.n_joints})"
+        raise ConfigError(key, name, expected)
     return path
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
@@ -31,7 +31,7 @@ class DesiredTrajectory:
     def __post_init__(self) -> None:
         time_ns = self.time_ns
         if len(time_ns) < 2:
-            raise TrajectoryError(f"the trajectory has {len(time_ns)} points; expected at least 2")
+            raise TrajectoryError(f"the trajectory has {counted(len(time_ns), 'point')}; expected at least 2")
         if time_ns[0] != 0:
             raise TrajectoryError(f"the trajectory starts at {time_ns[0] / NS_PER_S} s; expected 0")
         steps = np.diff(time_ns)

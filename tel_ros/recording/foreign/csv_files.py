@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError, counted
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.learning.torque_samples import FEWEST_OF_SPLINE, motion
 from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
+from tel_ros.recording.shared_files import missing
 from tel_ros.recording.waypoint_file import read_waypoints
 
 TIME = "time_s"
@@ -63,17 +64,17 @@ def read_table(file: Path) -> Table:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # that there is no row, which is told below
                 values = np.loadtxt(lines, delimiter=",", ndmin=2)
-    except FileNotFoundError as error:
-        raise InputFileError(file, "there is no such file", f"a CSV with {_COLUMNS}") from error
     except (OSError, ValueError, csv.Error) as error:  # ValueError: also what is no UTF-8
-        raise InputFileError(file, f"not readable ({error})", f"a CSV with {_COLUMNS}") from error
+        found = f"not readable ({error})" if file.is_file() else missing(file)
+        raise InputFileError(file, found, f"a CSV with {_COLUMNS}") from error
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
         raise InputFileError(file, f"has {', '.join(repeated)} twice", "each column once")
     if not values.size:
         raise InputFileError(file, "has no rows", f"rows under {_COLUMNS}")
     if values.shape[1] != len(header):
-        raise InputFileError(file, f"has {values.shape[1]} values a row", f"{len(header)}, as its header")
+        found = f"has {counted(values.shape[1], 'value')} a row"
+        raise InputFileError(file, found, f"{len(header)}, as its header")
     return Table(file, header, values)
 
 
@@ -143,7 +144,7 @@ def read_movement(
     )
     if velocity is None or acceleration is None:
         if len(time_s) < FEWEST_OF_SPLINE:
-            found = f"has {len(time_s)} points without velocities and accelerations"
+            found = f"has {counted(len(time_s), 'point')} without velocities and accelerations"
             raise InputFileError(file, found, f"at least {FEWEST_OF_SPLINE}, or the columns dq_… and ddq_…")
         _, slope, curvature = np.split(motion(time_s, position), 3, axis=1)
         velocity = slope if velocity is None else velocity

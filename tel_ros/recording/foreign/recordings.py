@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording.bag_format import METADATA_FILE, all_messages, reading, typestore
@@ -161,7 +161,7 @@ def _of_states(source: str, stamped: Sequence[tuple[int, Any]]) -> JointRecordin
             if its_names not in order:
                 order[its_names] = np.array([its_names.index(name) for name in names])
             if len(row) != len(names):
-                found = f"message {k + 1} has {len(row)} values in {field}"
+                found = f"message {k + 1} has {counted(len(row), 'value')} in {field}"
                 raise InputFileError(source, found, f"one for each of its {len(names)} joints")
             values[k] = np.asarray(row)[order[its_names]]
         return values

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_run import JOINTS, LINK_M, RATE_HZ, MakeRun, Trial, desired_rad
+from made_up_run import JOINTS, LINK_M, RATE_HZ, MakeRun, Trial, desired_rad, report_of
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from tel_ros.app.plotting import figure_style
 from tel_ros.app.report.data import read_run
-from tel_ros.app.report.figures import path_panels, tracking_figure
+from tel_ros.app.report.figures import over_trials, path_panels, tracking_figure
+from tel_ros.recording.summary import TrialRow
 from tel_ros.recording.urdf import chain_to_hand, read_urdf
 
 BAND = "±2 standard deviations that the network expected of its command"
@@ -108,6 +111,27 @@ def test_where_every_trial_has_a_band_each_is_drawn_once(make_run: MakeRun) -> N
         f"{joint}: trial {k}" for joint in JOINTS for k in (1, 2)
     ]
     assert [curves(axes) for axes in figure.axes] == [1] * 4
+
+
+@pytest.mark.parametrize("values", [(0.3, 0.1), (0.1, 0.3), (0.2, 0.2), (1e-4, 10.0)])
+@pytest.mark.parametrize(("n", "log"), [(1, False), (2, True), (4, True)])
+def test_the_legend_of_the_trials_covers_no_marker(values: tuple[float, float], n: int, log: bool) -> None:
+    rows = read_rows(*values)
+    with figure_style("practice"):
+        figure = Figure(figsize=(7.2, 2.75), layout="constrained")
+        axes = figure.subplots(1, 3)[0]
+        over_trials(axes, rows, [(values, f"what is drawn {k}", "#000000", "o") for k in range(n)], log=log)
+        FigureCanvasAgg(figure).draw()
+    box = axes.get_legend().get_window_extent().padded(2.0)
+    for line in axes.lines:
+        assert not any(box.contains(*point) for point in axes.transData.transform(line.get_xydata()))
+
+
+def read_rows(*errors_rad: float) -> list[TrialRow]:
+    made = [report_of(Trial(index=k), 0) for k in range(1, len(errors_rad) + 1)]
+    return [
+        TrialRow(**{field.name: getattr(report, field.name) for field in fields(report)}) for report in made
+    ]
 
 
 def test_a_band_has_the_colour_of_its_trial(make_run: MakeRun) -> None:

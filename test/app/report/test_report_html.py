@@ -15,7 +15,7 @@ from made_up_run import MakeRun, Trial, trials
 
 from tel_ros.app.report.data import read_run
 from tel_ros.app.report.run import write_report
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.trial import LoopTiming, Outcome
 
 
@@ -151,6 +151,17 @@ def test_a_missing_bag_is_named_and_does_not_keep_the_others_from_being_drawn(ba
     assert expected in Page(bad_report).text
 
 
+def test_a_run_of_which_no_bag_can_be_used_is_an_error_beside_the_page_of_its_summary(
+    make_run: MakeRun,
+) -> None:
+    folder = make_run(trials(2))
+    for bag in folder.glob("trial_*"):
+        (bag / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match=r"none of its bags can be used \(Trial 1 is not drawn: .*Trial 2"):
+        write_report(folder)
+    assert "Nothing to draw" in Page(folder / "report.html").text
+
+
 def test_a_movement_that_was_broken_off_is_drawn_and_marked(bad_report: Path) -> None:
     page = Page(bad_report)
     assert "Trial 2, aborted" in page.text
@@ -211,7 +222,7 @@ def test_writing_a_report_again_gives_the_same_report(make_run: MakeRun) -> None
 def test_a_report_that_cannot_be_written_is_an_error_with_the_name_of_the_file(make_run: MakeRun) -> None:
     folder = make_run([Trial(outcome=Outcome.ABORTED, reached_run=False)])
     (folder / "figures").write_text("in the way")
-    with pytest.raises(InputFileError, match="figures: cannot be written"):
+    with pytest.raises(InputFileError, match="figures: is a file; expected a folder"):
         write_report(folder)
 
 

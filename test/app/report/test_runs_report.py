@@ -12,7 +12,7 @@ from made_up_run import Trial, trials, write_run
 from tel_ros.app.cli import main
 from tel_ros.app.plotting import figure_style
 from tel_ros.app.report.data import read_run
-from tel_ros.app.report.runs import MOST_RUNS, differences, errors_figure, last_trials_figure
+from tel_ros.app.report.runs import MOST_RUNS, Runs, differences, errors_figure, last_trials_figure
 from tel_ros.core.trial import Outcome
 
 
@@ -49,10 +49,11 @@ def test_several_runs_stand_side_by_side_on_one_page_with_their_figures(
 def test_each_run_has_a_curve_of_its_own_and_one_that_was_broken_off_is_marked(
     two: tuple[Path, Path],
 ) -> None:
-    runs = [read_run(folder) for folder in two]
+    runs = tuple(read_run(folder) for folder in two)
     with figure_style("errors"):
-        figure = errors_figure(["slow", "bold"], [run.trials for run in runs])
-        movements = last_trials_figure(["slow", "bold"], ("shoulder", "elbow"), [r.drawn[-1] for r in runs])
+        figure, movements = (
+            draw(Runs(("slow", "bold"), runs)) for draw in (errors_figure, last_trials_figure)
+        )
     for axes in figure.axes:
         curves = [line for line in axes.lines if len(line.get_xdata()) == 3]
         assert [line.get_ydata().tolist() for line in curves] == [

@@ -181,7 +181,7 @@ def test_no_block_reaches_across_a_break(broken: list[TorqueSamples]) -> None:
 
 def test_a_recording_that_is_too_short_is_refused_with_its_length() -> None:
     parts = torque_samples(made_up(2.0, 100.0).recording)
-    with pytest.raises(TrainingError, match=r"1\.\d+ s in 1 unbroken parts.*at least 5.*Record longer"):
+    with pytest.raises(TrainingError, match=r"1\.\d+ s in 1 unbroken part,.*at least 5.*Record longer"):
         blocks_of(parts)
 
 

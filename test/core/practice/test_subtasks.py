@@ -9,6 +9,7 @@ import pytest
 from made_up_arm import MadeUpArm, config_of, practise, report_of
 
 from tel_ros.core.config import PracticeConfig
+from tel_ros.core.errors import counted
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.strategies import Subtasks, make_strategy
@@ -97,7 +98,7 @@ def test_the_number_of_trials_is_that_of_all_together() -> None:
         plans, _, ending = practise(subtasks(trials=trials), easy())
         assert len(plans) == trials
         assert ending.outcome == "stopped"
-        assert f"{trials} trials" in ending.message
+        assert counted(trials, "trial") in ending.message
 
 
 def test_an_abort_at_the_beginning_of_a_part_goes_back_to_the_network_from_before_it() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trajectories.trajectory import (
     MINIMUM_JERK_PEAK_SPEED,
@@ -79,7 +79,7 @@ def test_times_that_do_not_increase_are_refused_with_their_place(times_s: tuple[
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_a_trajectory_of_fewer_than_two_points_is_refused(n: int) -> None:
-    with pytest.raises(TrajectoryError, match=f"has {n} points; expected at least 2"):
+    with pytest.raises(TrajectoryError, match=f"has {counted(n, 'point')}; expected at least 2"):
         trajectory(range(n), **dict.fromkeys(FIELDS, np.zeros((n, 2))))
 
 

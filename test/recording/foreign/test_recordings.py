@@ -242,7 +242,7 @@ def test_what_is_not_there_or_no_bag_is_refused(tmp_path: Path) -> None:
 def test_a_message_with_a_value_too_few_is_named(tmp_path: Path) -> None:
     messages = states()
     messages[7] = replace(messages[7], effort=messages[7].effort[:1])
-    assert "message 8 has 1 values in effort" in refusal(write(tmp_path / "bag", {"/joint_states": messages}))
+    assert "message 8 has 1 value in effort" in refusal(write(tmp_path / "bag", {"/joint_states": messages}))
 
 
 def test_several_sources_are_read_in_the_same_order_of_joints(tmp_path: Path) -> None:
