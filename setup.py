@@ -45,7 +45,17 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=["tel_ros*", "sim_bridge*", "tel_lab*"]),
-    package_data={"sim_bridge": ["urdf/*"], "tel_ros.app": ["templates/*"], "tel_lab.theory": ["*.j2"]},
+    package_data={
+        "sim_bridge": ["urdf/*"],
+        "tel_ros.app": ["templates/*"],
+        "tel_lab": [
+            "pages/*",
+            "theory/*.j2",
+            "comparison/*.yaml",
+            "inverse_dynamics/*.yaml",
+            "inverse_dynamics/*.urdf",
+        ],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/tel_ros"]),
         (str(SHARE), ["package.xml"]),

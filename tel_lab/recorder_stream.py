@@ -1,14 +1,13 @@
 """A recorder in a process of its own, what it hears of an arm and its controller, and what its bag has then.
 
 Stamps are those of an arm whose clock is perfect; the values are sines with noise, so that they compress no
-better than measured ones. Messages are made beforehand and get their stamps when they are sent.
+better than measured ones. Messages are made beforehand and get stamp and trial when they are sent.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import struct
 import sys
 import threading
 import time
@@ -35,13 +34,10 @@ from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.trial_recorder import main as recorder_main
 from tel_ros.recording import topics
-from tel_ros.recording.cdr import header_stamp_ns, trial_index
 
 ANSWER_TIMEOUT_S = 60.0
 SPAWNER = multiprocessing.get_context("forkserver")
 SPAWNER.set_forkserver_preload(["tel_ros.nodes.trial_recorder"])
-_LABEL = b"1000000000000000000"  # as many digits as stamps of our time have
-_STAMP_AT, _TRIAL_AT = 4, 20
 _TYPES = {
     topics.JOINT_STATES: JointState,
     topics.EFFORT_COMMANDS: Float64MultiArray,
@@ -124,56 +120,33 @@ class Stream:
             next_s += self.period_ns / NS_PER_S  # what was missed is caught up with
             time.sleep(max(0.0, next_s - time.monotonic()))
 
-    def _tick(self, templates: dict[str, bytes]) -> None:
+    def _tick(self, messages: dict[type, Any]) -> None:
         self.stamp_ns += self.period_ns
+        stamp = to_time(self.stamp_ns)
+        messages[JointState].header.stamp = messages[ControlState].header.stamp = stamp
+        messages[ControlState].trial = self.trial
+        messages[Float64MultiArray].layout.dim[0].label = str(self.stamp_ns)
         for topic, publisher in self._publishers.items():
-            raw = self._stamped(topic, templates[topic])
+            raw = serialize_message(messages[_TYPES[topic]])
             publisher.publish(raw)
             self.sent.append((topic, self.stamp_ns, raw))
 
-    def _stamped(self, topic: str, template: bytes) -> bytes:
-        if _TYPES[topic] is Float64MultiArray:
-            return template.replace(_LABEL, str(self.stamp_ns).encode(), 1)
-        message = bytearray(template)
-        struct.pack_into("<iI", message, _STAMP_AT, *divmod(self.stamp_ns, NS_PER_S))
-        if topic == topics.CONTROL_STATES:
-            struct.pack_into("<I", message, _TRIAL_AT, self.trial)
-        return bytes(message)
-
-    def _made_beforehand(self, n: int, rng: np.random.Generator) -> list[dict[str, bytes]]:
+    def _made_beforehand(self, n: int, rng: np.random.Generator) -> list[dict[type, Any]]:
         n_joints = len(self._joints)
         phase = 2.0 * np.pi * (np.arange(n)[:, None] / n + rng.random(n_joints))
-
-        def column() -> list[Any]:
-            values = np.sin(phase) + 1e-4 * rng.normal(size=(n, n_joints))
-            return [array("d", row) for row in values]
-
-        names = [
-            *("position_rad", "velocity_rad_s", "effort_nm", "equilibrium_rad"),
-            *("desired_position_rad", "desired_velocity_rad_s", "desired_acceleration_rad_s2"),
-        ]
-        columns = {name: column() for name in names}
-        dimension = MultiArrayDimension(label=_LABEL.decode(), size=n_joints, stride=n_joints)
-        layout = MultiArrayLayout(dim=[dimension])
-        pool = []
-        for k in range(n):
-            values = {name: column[k] for name, column in columns.items()}
-            position, velocity, effort = list(values.values())[:3]
-            messages = {
-                JointState: JointState(
-                    name=self._joints, position=position, velocity=velocity, effort=effort
-                ),
-                ControlState: ControlState(
-                    trial=1, phase=ControlState.RUN, saturated=[False] * n_joints, **values
-                ),
-                Float64MultiArray: Float64MultiArray(layout=layout, data=effort),
+        of_state = ("position_rad", "velocity_rad_s", "effort_nm", "equilibrium_rad")
+        of_goal = ("desired_position_rad", "desired_velocity_rad_s", "desired_acceleration_rad_s2")
+        pool: list[dict[type, Any]] = []
+        for row in np.sin(phase):
+            values = {
+                name: array("d", row + 1e-4 * rng.normal(size=n_joints)) for name in (*of_state, *of_goal)
             }
-            pool.append({t: serialize_message(messages[_TYPES[t]]) for t in self._publishers})
-        probe = bytearray(pool[0][topics.CONTROL_STATES])
-        struct.pack_into("<iI", probe, _STAMP_AT, 12, 34)
-        struct.pack_into("<I", probe, _TRIAL_AT, 56)
-        if (header_stamp_ns(bytes(probe)), trial_index(bytes(probe))) != (12 * NS_PER_S + 34, 56):
-            raise ValueError("stamp and index of a trial do not lie where they are written")
+            position, velocity, effort = (values[name] for name in of_state[:3])
+            state = JointState(name=self._joints, position=position, velocity=velocity, effort=effort)
+            layout = MultiArrayLayout(dim=[MultiArrayDimension(size=n_joints, stride=n_joints)])
+            control = ControlState(phase=ControlState.RUN, saturated=[False] * n_joints, **values)
+            command = Float64MultiArray(layout=layout, data=effort)
+            pool.append({JointState: state, ControlState: control, Float64MultiArray: command})
         return pool
 
 
@@ -189,38 +162,33 @@ class Client(Node):
 
     def call_start(self, bag: Path, goal: TrialGoal) -> Any:
         """Ask for a bag to be opened; return the future."""
-        request = StartRecording.Request(bag=str(bag), goal=goal)
-        request.metadata_keys, request.metadata_values = ["seed"], ["1"]
-        return self._start.call_async(request)
+        metadata = {"metadata_keys": ["seed"], "metadata_values": ["1"]}
+        return self._start.call_async(StartRecording.Request(bag=str(bag), goal=goal, **metadata))
 
     def call_stop(self, result: TrialResult) -> Any:
         """Ask for the bag to be closed; return the future."""
         return self._stop.call_async(StopRecording.Request(result=result))
 
-    def spin_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Return whether a condition came true in time."""
-        end = time.monotonic() + timeout_s
-        while not done():
-            if time.monotonic() > end:
-                return False
+    def spin_for(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Spin for a while; return whether a condition came true, which ends it."""
+        end = time.monotonic() + duration_s
+        while not (met := until()) and time.monotonic() < end:
             self.spinner.spin_once(timeout_sec=0.01)
-        return True
+        return met
 
-    def spin_for(self, duration_s: float) -> None:
-        """Spin for a while."""
-        self.spin_until(lambda: False, duration_s)
+    def require(self, condition: Callable[[], bool], otherwise: str) -> None:
+        """Spin until a condition is true; TimeoutError if it does not come true."""
+        if not self.spin_for(ANSWER_TIMEOUT_S, condition):
+            raise TimeoutError(otherwise)
 
     def wait_for_recorder(self) -> None:
         """Wait until a recorder is there."""
-        if not self.spin_until(
-            lambda: self._start.service_is_ready() and self._stop.service_is_ready(), ANSWER_TIMEOUT_S
-        ):
-            raise TimeoutError("the recorder did not come up")
+        services = (self._start, self._stop)
+        self.require(lambda: all(s.service_is_ready() for s in services), "the recorder did not come up")
 
     def answer(self, future: Any) -> Any:
         """Wait for an answer that has to say success."""
-        if not self.spin_until(future.done, ANSWER_TIMEOUT_S):
-            raise TimeoutError("the recorder does not answer")
+        self.require(future.done, "the recorder does not answer")
         if not future.result().success:
             raise RuntimeError(future.result().message)
         return future.result()

@@ -12,6 +12,7 @@ It runs as ``tel study random_practice`` or ``python -m tel_lab random_practice`
 from __future__ import annotations
 
 import functools
+import json
 import pkgutil
 import shlex
 import signal
@@ -26,9 +27,9 @@ import click
 from click.core import ParameterSource
 
 from tel_lab import studies
-from tel_lab.tables import write_figure
+from tel_lab.tables import filled, write_figure
 from tel_lab.workers import Failure, TaskFailedError, WorkersBrokenError, Workforce
-from tel_ros.app.command_group import LazyGroup
+from tel_ros.app.command_group import LazyGroup, missing_module
 from tel_ros.app.errors import (
     EXIT_BAD_INPUT,
     EXIT_GRAPH_FAILED,
@@ -48,6 +49,11 @@ R = TypeVar("R")
 ROOT = Path(__file__).parents[1]
 """Of the checkout."""
 DOCS = ROOT / "docs"
+
+
+def assignments(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return keys and values as for ``--set``."""
+    return tuple(f"{key}={json.dumps(value)}" for key, value in values.items())
 
 
 @dataclass(frozen=True)
@@ -113,17 +119,17 @@ class StudyOptions:
     def write(
         self,
         page: str,
-        text: str,
         figures: Mapping[str, Callable[[], Figure]] | None = None,
         formats: Sequence[str] = ("svg", "png"),
+        **values: Any,
     ) -> None:
-        """Write a page, and figures (what draws them, by name) into ``figures/``; nothing without ``out``."""
+        """Fill in a page, and draw figures (by name) into ``figures/``; nothing without ``out``."""
         if self.out is None:
             return
         for name, draw in (figures or {}).items():
             write_figure(draw, self.out / "figures" / name, formats)
         self.out.mkdir(parents=True, exist_ok=True)
-        write_atomically(self.out / page, text.rstrip("\n") + "\n")
+        write_atomically(self.out / page, filled(page, command=self.command, **values))
         print(f"written to {self.out / page}", file=sys.stderr)
 
 
@@ -141,6 +147,8 @@ def ending_in_one_line() -> Iterator[None]:
         end(str(error), EXIT_GRAPH_FAILED)
     except TelError as error:
         end(str(error), EXIT_BAD_INPUT)
+    except ModuleNotFoundError as error:
+        end(f"this {missing_module(error)}", EXIT_GRAPH_FAILED)
     except KeyboardInterrupt:
         end("interrupted", EXIT_INTERRUPTED)
 

@@ -1,4 +1,4 @@
-"""Tables, whose columns are declared once, for a terminal, as Markdown and as CSV; and files of figures."""
+"""What goes into pages: tables, whose columns are declared once, texts from templates, and figures."""
 
 from __future__ import annotations
 
@@ -107,6 +107,16 @@ def of_texts(headings: Sequence[str], lines: Iterable[Sequence[str]], n_words: i
         return Column(heading, lambda line: line[j], left=j < n_words)
 
     return Table([column(j, heading) for j, heading in enumerate(headings)], list(lines))
+
+
+def filled(page: str, **values: Any) -> str:
+    """Return the text of a page (``NAME.md``) from its template in ``tel_lab/pages``."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # late: an extra
+
+    loader = PackageLoader("tel_lab", "pages")
+    templates = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True)  # noqa: S701
+    text: str = templates.get_template(f"{page}.j2").render(**values)
+    return text.rstrip("\n") + "\n"
 
 
 def write_figure(

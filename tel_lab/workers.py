@@ -95,6 +95,7 @@ class Workforce:
 
         Raises:
             WorkersBrokenError: a worker process was killed, Ray does not start, or the cluster is gone.
+        ModuleNotFoundError: the tasks need a module that is not installed.
         """
         if self.with_ray:
             yield from _on_ray(function, tasks, None if self.address else self.n_jobs, self.address)
@@ -112,6 +113,8 @@ def _call(function: Callable[..., R], arguments: tuple[Any, ...]) -> R | Failure
 
     try:
         return on_one_thread(function)(*arguments)
+    except ModuleNotFoundError:  # no task can do without it
+        raise
     except TelError as error:  # as text: errors with arguments of their own cannot be pickled
         return Failure(str(error), expected=True)
     except Exception as error:  # a fault in one task must not cost the others
@@ -179,6 +182,8 @@ def _on_ray(
                 try:
                     result = ray.get(reference)
                 except ray.exceptions.RayTaskError as error:
+                    if isinstance(error.cause, ModuleNotFoundError):
+                        raise error.cause from None
                     result = Failure(f"{type(error.cause).__name__}: {error.cause}")
                 except ray.exceptions.WorkerCrashedError:
                     result = Failure("the worker was killed (out of memory?)")

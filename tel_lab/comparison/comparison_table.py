@@ -12,7 +12,7 @@ from typing import Any
 from tel_lab.comparison.method_runs import Comparison
 from tel_lab.comparison.results import COLUMNS, MeritColumn, MethodRun
 from tel_lab.comparison.statistics import Median, median, standing
-from tel_lab.tables import Column, Table, of_texts, write_figure
+from tel_lab.tables import Column, Table, filled, of_texts, write_figure
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.run_folder import json_ready
 
@@ -22,7 +22,6 @@ GIVEN_NOTE = (
 )
 NONE, NEVER = "–", "never"
 NAME = "comparison"
-NONE_NOTE = f"{NONE}: a stored command sequence cannot follow another path."
 
 
 def values(comparison: Comparison, column: MeritColumn, method: str) -> list[float]:
@@ -144,41 +143,19 @@ def speed_text(comparison: Comparison) -> str:
 def page(comparison: Comparison, command: str, figure: str) -> str:
     """Return the page with table, figure (a file, as seen from the page) and standings."""
     runs = comparison.runs[comparison.methods[0].name]
-    tolerance = f"{1e3 * runs[0].tolerance_rad:g} mrad RMS at {runs[0].goal_duration_s:g} s"
-    methods = "\n".join(f"- *{spec.title}*: {spec.note}" for spec in comparison.methods)
-    places = of_texts(["", *(column.title for column in COLUMNS)], standings(comparison, "tel_adaptive"))
-    return f"""# TEL in comparison
-
-Made by `{command}`: {len(runs)} arms, the same ones with the
-same noise and the same new path for all methods. Tolerance: {tolerance}. Medians over the arms, in brackets
-their 95 % intervals between order statistics.
-
-{table(comparison).markdown()}
-
-{GIVEN_NOTE}
-{NONE_NOTE} *{NEVER}*: not within the budget.
-
-![Errors of the trials, and the figures of merit]({figure})
-
-## Where TEL adaptive stands
-
-Against all other methods that are told no more of the arm than it is. *First*: none has a lower median.
-*Tied*: the one that is named has, but a sign test over the arms does not tell the two apart at 5 % (it takes
-at least five arms to tell any two apart). *Behind*: it does.
-
-{places.markdown()}
-
-## The methods
-
-All have the springs (but for the stiffer servo) and the budget of trials in common; what does not learn has
-one trial. TEL that has reached its goal goes on at the goal speed with what is left of the budget. After an
-abort a stored command goes back to the last one that was completed, with corrections half as large; learners
-learn from what was recorded, TEL adaptive goes back.
-
-{methods}
-
-{speed_text(comparison)}.
-"""
+    return filled(
+        f"{NAME}.md",
+        command=command,
+        n_arms=len(runs),
+        tolerance=f"{1e3 * runs[0].tolerance_rad:g} mrad RMS at {runs[0].goal_duration_s:g} s",
+        table=table(comparison).markdown(),
+        given_note=GIVEN_NOTE,
+        never=NEVER,
+        figure=figure,
+        places=of_texts(["", *(c.title for c in COLUMNS)], standings(comparison, "tel_adaptive")).markdown(),
+        methods=comparison.methods,
+        speed=speed_text(comparison),
+    )
 
 
 def write_files(comparison: Comparison, folder: Path, command: str) -> None:

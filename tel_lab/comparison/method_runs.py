@@ -16,7 +16,7 @@ from tel_lab.comparison.servo_methods import Feedforward, Method
 from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_lab.random_arm import vary
 from tel_lab.random_path import random_smooth_path
-from tel_lab.study import StudyOptions
+from tel_lab.study import StudyOptions, assignments
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, TrainingError
 from tel_ros.core.learning.signals import learning_record
@@ -81,8 +81,8 @@ def compare(task: Task, methods: Sequence[str] = (), n_seeds: int = 10, jobs: in
 
 def method_config(task: Task, spec: MethodSpec, seed: int) -> Config:
     """Return the configuration of one run: the arm of that seed, and the settings of the method."""
-    own = (f"practice.trials={task.trials}", "practice.on_abort=continue", f"seed={seed}", *spec.settings)
-    config = load_config(task.config_file, (*task.settings, *own))
+    own = (f"practice.trials={task.trials}", "practice.on_abort=continue", f"seed={seed}")
+    config = load_config(task.config_file, (*task.settings, *own, *assignments(spec.settings)))
     arm, (on_stiffness, on_damping) = config.arm, spec.stiffer
     stiffer = dataclasses.replace(
         arm,
@@ -97,9 +97,8 @@ def run_method(task: Task, name: str, seed: int) -> MethodRun:
     (spec,) = chosen([name])
     config = method_config(task, spec, seed)
     started = time.process_time()
-    trials, final, new_path, message = (
-        _practised(config, seed) if spec.make is None else _repeated(config, spec.make(config), seed)
-    )
+    method = spec.make(config)
+    trials, final, new_path, message = _repeated(config, method, seed) if method else _practised(config, seed)
     return MethodRun(
         method=name,
         seed=seed,

@@ -1,24 +1,22 @@
 """Movements of three arms with the torques that they took: what learners of inverse dynamics are compared on.
 
-Made anew each time, bit for bit the same: nothing is downloaded. ``planar practice`` needs PyBullet,
-``seven joints`` needs pinocchio and the robot descriptions that come with PyBullet.
+Made anew each time, bit for bit the same: nothing is downloaded. They need PyBullet, the robot descriptions
+that come with it, and pinocchio.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Self
 
 import numpy as np
+import yaml
 
-from tel_lab.inverse_dynamics.arm_models import (
-    DEFAULT_ARM,
-    WRITING_ARM,
-    iiwa_urdf,
-    with_wrong_inertias,
-)
+from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.inverse_dynamics import arm_models
+from tel_lab.inverse_dynamics.arm_models import WRITING_ARM, with_wrong_inertias
 from tel_lab.offline import OfflineArm
 from tel_lab.random_path import sine_path, sines
 from tel_lab.study import ROOT
@@ -30,8 +28,6 @@ from tel_ros.core.trial import Outcome, TrialGoal
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.waypoint_file import load_path
-
-GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -87,7 +83,7 @@ def planar_practice(
     """Return the trials of the paper's protocol as the default arm records them.
 
     They are simulated with encoders, filtered and differentiated as in practice. The commands come from no
-    learner, but from the arm's formula with inertias a tenth too small: about as good as after some practice.
+    learner, but from the exact model of an arm a tenth too light: about as good as after some practice.
     As in practice torque follows from the command by the EP law. The velocity that the drive gives this law
     is about 2 ms late, so the torque is that of an arm with slightly less inertia. Held out are two of the
     durations on the practised path, one between the others and the fastest, and the trials on other paths.
@@ -96,6 +92,7 @@ def planar_practice(
     rate_hz, cutoff_hz = config.control.rate_hz, config.learning.filter_cutoff_hz
     stiffness, damping = np.array(config.arm.stiffness_nm_per_rad), np.array(config.arm.damping_nms_per_rad)
     practised = load_path(config.path, config.arm)
+    commanding = ExactInverseDynamics(config, replace(config.sim, inertia_scale=0.9))
     rng = np.random.default_rng(1)
     middle_rad = np.array([0.6, 1.05])
     others = [random_loop(f"other path {i + 1}", middle_rad, rng) for i in range(len(other_paths_s))]
@@ -105,9 +102,7 @@ def planar_practice(
     with OfflineArm(config) as arm:
         for index, (path, duration_s) in enumerate(plan, start=1):
             desired = sample(path, duration_s, rate_hz)
-            inputs = query_inputs(desired, 1.0 / rate_hz)
-            torque_nm = DEFAULT_ARM.torque_nm(inputs, inertia_scale=0.9)
-            offset_rad = (torque_nm + damping * inputs[:, 2:4]) / stiffness
+            offset_rad = commanding.predict(query_inputs(desired, 1.0 / rate_hz))
             recorded = arm.run_trial(TrialGoal(index, 1.0, desired, desired.position_rad + offset_rad))
             if recorded.report.outcome != Outcome.COMPLETED:
                 raise RuntimeError(f"{path.name} in {duration_s} s: {recorded.report}")
@@ -136,33 +131,10 @@ def planar_practice(
     )
 
 
-# Points that a pen goes through, without being lifted. A letter is 1 wide and, from its foot to its head, 1
-# high; stems go up to 1.6 and tails down to -0.6.
-STROKES = {
-    "a": "0.9,0.8 0.5,1 0.1,0.7 0.1,0.2 0.5,0 0.85,0.4 0.95,0.95 0.9,0.3 1.1,0",
-    "b": "0.1,1.6 0.1,0.8 0.1,0.05 0.5,0 0.9,0.4 0.7,0.9 0.2,0.8",
-    "c": "0.95,0.8 0.6,1 0.15,0.8 0,0.4 0.25,0.05 0.7,0 1,0.25",
-    "d": "0.8,0.9 0.4,1 0.05,0.6 0.2,0.1 0.7,0.1 0.95,0.7 1,1.6 0.95,0.7 1.05,0",
-    "e": "0.1,0.5 0.6,0.55 0.95,0.75 0.6,1 0.15,0.8 0.05,0.35 0.4,0 0.95,0.2",
-    "g": "0.9,0.9 0.4,1 0.1,0.6 0.4,0.2 0.85,0.5 0.95,0.9 0.9,0 0.6,-0.55 0.1,-0.4",
-    "h": "0.1,1.6 0.1,0.8 0.1,0 0.2,0.7 0.6,1 0.9,0.7 0.9,0",
-    "k": "0.1,1.6 0.1,0.8 0.1,0 0.2,0.5 0.8,1 0.35,0.55 0.95,0",
-    "l": "0.2,0.2 0.6,0.8 0.7,1.5 0.4,1.5 0.3,0.7 0.4,0.1 0.8,0.1",
-    "m": "0,0.9 0.05,0 0.15,0.8 0.4,0.95 0.5,0.1 0.6,0.8 0.9,0.95 1,0.4 1.05,0",
-    "n": "0.1,1 0.1,0.5 0.1,0 0.25,0.7 0.6,1 0.9,0.7 0.95,0",
-    "o": "0.5,1 0.1,0.75 0.1,0.2 0.5,0 0.9,0.25 0.9,0.75 0.5,1",
-    "p": "0.1,0.9 0.1,0.2 0.1,-0.6 0.1,0.5 0.4,1 0.9,0.7 0.7,0.1 0.2,0.1",
-    "q": "0.85,0.8 0.4,1 0.1,0.5 0.4,0.05 0.8,0.4 0.9,0.9 0.9,0 0.95,-0.6",
-    "r": "0.1,1 0.15,0.5 0.15,0 0.25,0.6 0.5,0.95 0.9,0.9",
-    "s": "0.9,0.85 0.5,1 0.15,0.8 0.4,0.55 0.85,0.35 0.7,0.05 0.3,0 0.05,0.2",
-    "u": "0.1,1 0.1,0.4 0.4,0 0.8,0.2 0.9,1 0.9,0.4 1.1,0",
-    "v": "0,1 0.25,0.5 0.5,0 0.75,0.5 1,1 1.15,0.9",
-    "w": "0,1 0.15,0.4 0.3,0 0.5,0.6 0.7,0 0.9,0.4 1,1",
-    "z": "0.1,1 0.5,0.95 0.9,0.95 0.5,0.5 0.1,0.05 0.5,0 1,0.05",
-}
 UNSEEN_LETTERS = ("e", "h", "s")
 LETTER_M = 0.065
 """Width of a letter, and half of the way from the top of a stem to the bottom of a tail."""
+WRITING_VISCOUS_NMS_PER_RAD = (0.08, 0.05)
 PAPER_M = (0.27, 0.20)
 """Middle of the place where letters are written, seen from the shoulder."""
 
@@ -171,14 +143,16 @@ def letters() -> DataSet:
     """Return 20 letters that a light two-joint arm writes, each in 2 to 3 s, with exact signals."""
     rate_hz, rng = 25.0, np.random.default_rng(2)
     trials = {}
-    for letter, stroke in STROKES.items():
+    strokes = yaml.safe_load(FilePath(__file__).with_name("letters.yaml").read_text("utf-8"))
+    for letter, stroke in strokes.items():
         points = np.array([point.split(",") for point in stroke.split()], dtype=np.float64)
-        hand = waypoint_path(letter, PAPER_M + LETTER_M * (points - 0.5))
-        motion = sample(hand, rng.uniform(2.0, 3.0), rate_hz)
-        inputs = WRITING_ARM.joint_motion(
-            (motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)  # of a point: in m
-        )
-        trials[letter] = Trial.exact(letter, inputs, WRITING_ARM.torque_nm(inputs), rate_hz)
+        path = waypoint_path(letter, PAPER_M + LETTER_M * (points - 0.5))
+        motion = sample(path, rng.uniform(2.0, 3.0), rate_hz)
+        # Of a point: in m.
+        hand = motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2
+        inputs = arm_models.writing_motion(hand)
+        torque_nm = arm_models.torque_nm(WRITING_ARM, inputs, WRITING_VISCOUS_NMS_PER_RAD)
+        trials[letter] = Trial.exact(letter, inputs, torque_nm, rate_hz)
     return DataSet(
         name="letters",
         about=f"20 letters written by another two-joint arm, {rate_hz:g} Hz, exact signals; unseen: the "
@@ -186,7 +160,7 @@ def letters() -> DataSet:
         joints=("shoulder", "elbow"),
         training=tuple(trial for letter, trial in trials.items() if letter not in UNSEEN_LETTERS),
         held_out=tuple(trials[letter] for letter in UNSEEN_LETTERS),
-        urdf=with_wrong_inertias(WRITING_ARM.urdf()),
+        urdf=with_wrong_inertias(WRITING_ARM),
         stiffness_nm_per_rad=(1.0, 1.0),
         damping_nms_per_rad=(0.0, 0.0),
     )
@@ -198,36 +172,28 @@ SEVEN_JOINTS_VISCOUS_NMS_PER_RAD = 0.5
 def seven_joints() -> DataSet:
     """Return closed movements of all joints of a KUKA LBR iiwa under gravity, each on a path of its own.
 
-    Torques are those of pinocchio's recursive Newton-Euler algorithm with the inertias of the URDF that comes
-    with PyBullet, and viscous friction.
+    Torques are those of the inertias in the URDF that comes with PyBullet, and of viscous friction.
     """
-    import pinocchio
-
-    text = iiwa_urdf()
-    model = pinocchio.buildModelFromXML(text)
-    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
-    data, rate_hz, rng = model.createData(), 100.0, np.random.default_rng(3)
+    text, rate_hz, rng = arm_models.iiwa_urdf(), 100.0, np.random.default_rng(3)
     middle_rad = np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
     trials: list[Trial] = []
     for duration_s in np.linspace(10.0, 3.0, 15):
-        path = random_loop("", middle_rad + rng.uniform(-0.3, 0.3, model.nv), rng, highest=2)
+        path = random_loop("", middle_rad + rng.uniform(-0.3, 0.3, 7), rng, highest=2)
         motion = sample(path, duration_s, rate_hz)
-        q, v, a = motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2
-        torque_nm = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
-        torque_nm += SEVEN_JOINTS_VISCOUS_NMS_PER_RAD * v
-        name = f"path {len(trials) + 1}, {duration_s:g} s"
-        trials.append(Trial.exact(name, stack_inputs(q, v, a), torque_nm, rate_hz))
+        inputs = stack_inputs(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
+        torque_nm = arm_models.torque_nm(text, inputs, SEVEN_JOINTS_VISCOUS_NMS_PER_RAD)
+        trials.append(Trial.exact(f"path {len(trials) + 1}, {duration_s:g} s", inputs, torque_nm, rate_hz))
     held_out = (3, 8, 13)
     return DataSet(
         name="seven joints",
         about=f"random closed paths of a KUKA LBR iiwa in 10 to 3 s, {rate_hz:g} Hz, exact signals; unseen: "
         "three of the paths",
-        joints=tuple(model.names[1:]),
+        joints=tuple(f"lbr_iiwa_joint_{k}" for k in range(1, 8)),
         training=tuple(trial for i, trial in enumerate(trials) if i not in held_out),
         held_out=tuple(trials[i] for i in held_out),
         urdf=with_wrong_inertias(text),
-        stiffness_nm_per_rad=(1.0,) * model.nv,
-        damping_nms_per_rad=(0.0,) * model.nv,
+        stiffness_nm_per_rad=(1.0,) * 7,
+        damping_nms_per_rad=(0.0,) * 7,
     )
 
 

@@ -19,7 +19,7 @@ from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import LearnerContext
 from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.learning.signals import TrainingSamples
-from tel_ros.core.types import FloatArray, IntArray
+from tel_ros.core.types import FloatArray, evenly_spaced
 
 GP, MLP = "GP", "MLP"
 
@@ -105,22 +105,20 @@ class SklearnModel:
 
     def fit(self, trials: Sequence[Trial]) -> None:
         """Standardise and fit."""
+        from sklearn.preprocessing import StandardScaler
+
         inputs, torque_nm = stacked(trials)
-        self._input_mean, self._input_std = inputs.mean(axis=0), inputs.std(axis=0)
-        self._torque_mean, self._torque_std = torque_nm.mean(axis=0), torque_nm.std(axis=0)
+        self._inputs, self._torques = StandardScaler().fit(inputs), StandardScaler().fit(torque_nm)
+        standard = self._inputs.transform(inputs), self._torques.transform(torque_nm)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of convergence: the limits are set on purpose
-            self._estimators = self._fit_estimators(
-                (inputs - self._input_mean) / self._input_std,
-                (torque_nm - self._torque_mean) / self._torque_std,
-            )
+            self._estimators = self._fit_estimators(*standard)
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return torque [N·m]."""
-        scaled = (inputs - self._input_mean) / self._input_std
-        columns = [estimator.predict(scaled) for estimator in self._estimators]
-        outputs = columns[0] if len(columns) == 1 else np.column_stack(columns)
-        torque_nm: FloatArray = outputs * self._torque_std + self._torque_mean
+        scaled = self._inputs.transform(inputs)
+        outputs = np.column_stack([estimator.predict(scaled) for estimator in self._estimators])
+        torque_nm: FloatArray = self._torques.inverse_transform(outputs)
         return torque_nm
 
     def size_mb(self) -> float:
@@ -159,8 +157,8 @@ def fit_gp(inputs: FloatArray, outputs: FloatArray, effort: Effort) -> list[Any]
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-    rows = evenly(len(inputs), effort.gp_samples)
-    few = rows[evenly(len(rows), effort.gp_tuning_samples)]
+    rows = evenly_spaced(len(inputs), effort.gp_samples)
+    few = rows[evenly_spaced(len(rows), effort.gp_tuning_samples)]
 
     def search(objective: Any, start: FloatArray, bounds: FloatArray) -> tuple[FloatArray, float]:
         # Unless the gradient is about 1, the first step of L-BFGS-B ends in a far corner, and the search too.
@@ -183,11 +181,6 @@ def fit_gp(inputs: FloatArray, outputs: FloatArray, effort: Effort) -> list[Any]
         final = GaussianProcessRegressor(tuned.kernel_, optimizer=None)
         estimators.append(final.fit(inputs[rows], column[rows]))
     return estimators
-
-
-def evenly(n: int, at_most: int) -> IntArray:
-    """Return at most so many of the rows 0 … n - 1, evenly spaced, the first and the last among them."""
-    return np.linspace(0, n - 1, min(n, at_most)).round().astype(np.int64)
 
 
 def input_range(trials: Sequence[Trial], margin: float) -> InputRange:

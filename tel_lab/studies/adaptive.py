@@ -239,15 +239,4 @@ def adaptive(options: StudyOptions) -> None:
         met += found
     summary = f"{sum(met)} of {len(met)} targets are met."
     click.echo(summary)
-    options.write(
-        "adaptive.md",
-        f"""# Adaptive trajectory extension: what it promises and what it does
-
-Practice of `config/{CONFIG.name}` with `practice.strategy=adaptive_extension`, on arms that it is not
-tuned to. Errors are measured minus desired position over both joints. The largest deviation includes the
-braking after an abort. Made without ROS, tick for tick like the graph, by `{options.command}`;
-the study judges the targets by its numbers. **{summary}**
-
-"""
-        + "\n".join(sections),
-    )
+    options.write("adaptive.md", config=CONFIG.name, summary=summary, sections=sections)

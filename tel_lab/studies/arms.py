@@ -212,32 +212,4 @@ def arms(options: StudyOptions) -> None:
         sections.append(f"## {name}\n\n{text}\n\n" + "\n".join(verdicts) + "\n")
         click.echo(sections[-1])
     met = sum(line.startswith("- **met") for line in judged)
-    body = "\n".join(sections)
-    options.write(
-        "arms.md",
-        f"""# Ready arms
-
-| configuration | arm | gravity |
-|---|---|---|
-| `config/planar_arm.yaml` | two joints, direct drive (the paper's) | no |
-| `config/planar_arm_3.yaml` | three joints in a plane, one more than needed | no |
-| `config/kuka_iiwa.yaml` | KUKA LBR iiwa of `pybullet_data`, seven joints | yes |
-| `config/franka_panda.yaml` | Franka Panda of `pybullet_data`, seven joints; the fingers are held | yes |
-
-`arm.urdf` takes a file, or `package://NAME/path` of an installed Python or ROS package. Joints are found by
-name. A movable joint that `arm.joints` does not name is held at 0, with a warning, unless it carries a named
-one: then the description is refused. So are limits beyond the URDF's, impossible inertias, and joints
-that move nothing. A body without `<inertial>`, or inertia without mass, gets a warning.
-
-RMS error in mrad over all joints, in brackets that of the worst joint. Encoders of 16 bits; practice on a
-schedule of {N_STEPS} trials even in torque (1/T²) and repeats of the last; the dry friction is 1 % of each
-joint's effort limit. The iiwa's file allows 300 N·m at the wrist as well; 1 % of that is 0.15 to 0.3 rad of
-the wrist's springs, and in the first trial, without a model, the wrist sticks most of the time. Made without
-ROS, tick for tick like the graph, by `{options.command}`.
-
-After an abort the springs brake the arm and go on carrying its weight: [safety.md](safety.md).
-
-**{met} of {len(judged)} targets are met.**
-
-{body}""",
-    )
+    options.write("arms.md", n_steps=N_STEPS, met=met, total=len(judged), sections=sections)

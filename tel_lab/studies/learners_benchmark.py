@@ -12,6 +12,7 @@ import timeit
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 
 import click
 import numpy as np
@@ -19,11 +20,11 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from tel_lab.inverse_dynamics.data_sets import DATA_SETS, DataSet, Trial, stacked
-from tel_lab.inverse_dynamics.models import GP, MLP, Effort, Model, all_models, evenly
+from tel_lab.inverse_dynamics.models import GP, MLP, Effort, Model, all_models
 from tel_lab.study import StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_ros.core.errors import TelError
-from tel_ros.core.types import FloatArray
+from tel_ros.core.types import FloatArray, evenly_spaced
 
 BATCH = 2250
 """Samples of a movement of 4.5 s at 500 Hz: what a trial asks a learner for."""
@@ -68,7 +69,9 @@ def measured(model: Model, name: str, is_ours: bool, data: DataSet, parts: Seque
     """Train on parts of the trials, the last one all of them, and measure."""
     errors, times = [], []
     for part in parts:
-        trials = [data.training[i] for i in evenly(len(data.training), round(part * len(data.training)))]
+        trials = [
+            data.training[i] for i in evenly_spaced(len(data.training), round(part * len(data.training)))
+        ]
         start = time.process_time()
         model.fit(trials)
         times.append(time.process_time() - start)
@@ -169,35 +172,6 @@ def tables(results: Sequence[Result], parts: Sequence[float]) -> list[Table[Resu
     return made
 
 
-def page(sheets: Sequence[Table[Result]], chapters: Sequence[Chapter], effort: Effort, command: str) -> str:
-    """Return the Markdown page."""
-    import sklearn
-
-    about = "\n".join(each.about for each in chapters)
-    intro = f"""# Learners of inverse dynamics
-
-Made by `{command}` with one core for each learner, Python {platform.python_version()}, numpy
-{np.__version__}, scikit-learn {sklearn.__version__}. Times are CPU times; they depend on the machine.
-
-{about}
-
-nMSE: mean over the joints of MSE / variance of the torque of the held-out trials. *batch*: prediction time of
-a sample among {BATCH}; *single*: of a sample alone.
-
-- Our learners learn one trial after the other, with the default configuration of learning and a URDF whose
-  inertias are wrong. Their size is that of the arrays in a network's file. All three arms are rigid with
-  viscous friction, which is just what the rigid body assumes; without noise only rounding limits it.
-- The baselines get all samples at once, inputs and outputs standardised. Their size is that of the pickle.
-- {GP}: a Gaussian process for each joint, RBF with a length for each input and white noise; at most
-  {effort.gp_samples} samples taken evenly from all, hyperparameters from {effort.gp_tuning_samples} of them
-  in at most {effort.gp_iterations} iterations.
-- {MLP}: 2 × 64 tanh, {effort.mlp_steps} steps of Adam with at most 200 samples each, no early stopping.
-"""
-    shown = "".join(f"\n## {sheet.title}\n\n{sheet.markdown()}\n" for sheet in sheets)
-    remarks = "".join(f"- {note}\n" for each in chapters for note in each.notes)
-    return intro + shown + (f"\nNotes:\n\n{remarks}" if remarks else "")
-
-
 def _counts(data: DataSet) -> str:
     training, held_out = (sum(len(t.inputs) for t in trials) for trials in (data.training, data.held_out))
     return (
@@ -219,6 +193,17 @@ def learners_benchmark(options: StudyOptions) -> None:
     console = Console(width=max(Console().width, 132))
     for sheet in sheets:
         console.print(sheet.terminal())
-    for note in (note for each in chapters for note in each.notes):
+    notes = [note for each in chapters for note in each.notes]
+    for note in notes:
         click.echo(f"Note: {note}")
-    options.write("learners_benchmark.md", page(sheets, chapters, effort, options.command))
+    options.write(
+        "learners_benchmark.md",
+        sheets=sheets,
+        chapters=chapters,
+        notes=notes,
+        effort=effort,
+        batch=BATCH,
+        python=platform.python_version(),
+        numpy=np.__version__,
+        sklearn=version("scikit-learn"),
+    )

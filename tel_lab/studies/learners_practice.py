@@ -78,23 +78,5 @@ def learners_practice(options: StudyOptions) -> None:
     headings = ["arm", "trial", *(str(k) for k in range(1, len(preview) + 1))]
     table = of_texts(headings, rows, 2).markdown()
     click.echo(table)
-    changes = "\n".join(
-        f"- *{name}*: {', '.join(f'`{text}`' for text in LEARNERS[name]) or 'as in the configuration'}"
-        for name in learners
-        if name != EXACT
-    )
-    options.write(
-        "learners_practice.md",
-        f"""# Learners at practice
-
-RMS error in mrad over both joints of every trial of `config/{CONFIG.name}`, measured minus desired
-position, so that sensor noise is in it. Made by `{options.command}` without ROS, tick for tick like the
-graph. "abort" is a trial that was aborted; what was recorded until then is learned from.
-
-{changes}
-- *{EXACT}*: rigid-body dynamics with the simulated inertia, payload and friction, from the first trial on. It
-  knows nothing of encoder, velocity filter and delay, so a learner may do better.
-
-{table}
-""",
-    )
+    own = {name: LEARNERS[name] for name in learners if name != EXACT}
+    options.write("learners_practice.md", config=CONFIG.name, learners=own, table=table)

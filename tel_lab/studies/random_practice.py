@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import click
 import numpy as np
@@ -135,6 +136,16 @@ FACTORS: list[Column[Result]] = [
 ]
 """What may tell the runs that did not reach the tolerance from the others."""
 
+MISSED: list[Column[Result]] = [
+    Column("seed", lambda r: r.seed),
+    Column("outcome", lambda r: r.outcome, left=True),
+    *FACTORS,
+    Column("last error [mrad]", lambda r: r.final_rms_mrad, ".2f"),
+    Column("trials", lambda r: len(r.trials)),
+    Column("aborts", lambda r: r.aborts),
+    Column("message", lambda r: r.message, left=True),
+]
+
 
 def figure(results: Sequence[Result], config: Config) -> Figure:
     """Return the figure: errors of the last trials, numbers of trials, largest deviations."""
@@ -175,16 +186,13 @@ def figure(results: Sequence[Result], config: Config) -> Figure:
     return drawing
 
 
-def page(results: Sequence[Result], config: Config, command: str) -> str:
-    """Return the page."""
-    practice, control = config.practice, config.control
+def summary(results: Sequence[Result], config: Config) -> dict[str, Any]:
+    """Return what the page says about the runs."""
     trials = [trial for result in results for trial in result.trials]
     reached = [result for result in results if result.outcome == "completed"]
     missed = [result for result in results if result.outcome != "completed"]
     later = [max(t.excursion_rad for t in r.trials[1:]) for r in results if len(r.trials) > 1]
-    beyond_rad = 2.0 * control.path_tolerance_rad
-
-    off = "off its path by more than twice the tolerance"
+    beyond_rad = 2.0 * config.control.path_tolerance_rad
 
     def count(holds: Callable[[TrialRecord], bool]) -> str:
         return f"{sum(map(holds, trials))} of {len(trials)}"
@@ -195,80 +203,29 @@ def page(results: Sequence[Result], config: Config, command: str) -> str:
             for outcome, (_, _, words) in OUTCOMES.items()
         ),
         ("trials that were aborted", count(lambda t: not t.completed)),
-        (f"trials in which a joint was {off}", count(lambda t: t.excursion_rad > beyond_rad)),
+        (
+            "trials in which a joint was off its path by more than twice the tolerance",
+            count(lambda t: t.excursion_rad > beyond_rad),
+        ),
         ("trials in which an effort was clipped", count(lambda t: t.report.saturated_ratio > 0)),
         ("trials until the tolerance was reached", _spread([len(r.trials) for r in reached], "{:.0f}")),
         ("last RMS error where it was reached [mrad]", _spread([r.final_rms_mrad for r in reached])),
         ("largest deviation in any trial [rad]", _spread([r.excursion_rad for r in results], "{:.3f}")),
         ("the same after the first trial [rad]", _spread(later, "{:.3f}")),
     ]
-    table = of_texts(("", ""), rows).markdown()
-    return f"""# Practice on random arms along random paths
-
-{len(results)} runs of `adaptive_extension` (`config/planar_arm.yaml`: least-squares trees, at most
-{practice.trials} trials), each on another arm, along another path and to another speed;
-nothing but the time at rest (below) was chosen by looking at them.
-
-- Arms (`tel_lab/random_arm.py`, `FAR`): all masses and inertias × 0.5 to 2, 0 to 0.5 kg in the hand,
-  viscous friction × 0.25 to 4, dry friction 0 to 0.3 N·m a joint, 0 to 0.3 mrad of white noise on the
-  encoder.
-- Paths (`tel_lab/random_path.py`): sums of harmonics anywhere in the joints' range, open
-  or closed.
-- The goal duration is such that the exact model needs a random 40 to 90 % of the effort limit; practice
-  begins at 2.5 times that duration, and is over when the RMS error at the goal is below
-  {1e3 * practice.tolerance_rad:g} mrad.
-- A trial is aborted when a joint is {control.path_tolerance_rad:g} rad off its path (the path
-  tolerance). It is beyond twice that when it is more than {beyond_rad:g}
-  rad off, braking included.
-- The arm counts as at rest after {control.settle_time_s:g} s within
-  {1e3 * control.settle_time_s * control.settle_speed_rad_s:g} mrad. With 0.2 s, the turning point of a slow
-  swing counts as well; a heavy arm that is stretched out then sets off beside its path, which practice
-  cannot mend. With 0.2 s, the default when this was found, an earlier version of the strategy reached the
-  tolerance in 94 of the seeds 1 to 100; 0.5 s was chosen after looking at the other six, and five of
-  these reached it with 0.5 s. So those seeds are no fresh test of this setting; seeds from 101 on are.
-
-Made without ROS by
-
-    {command}
-
-![Errors, trials and largest deviations](figures/random_practice.png)
-
-{table}
-
-Shares come with their exact (Clopper and Pearson) 95 % intervals, numbers as median (5 to 95 %; largest).
-
-## Runs that did not reach the tolerance
-
-{_about_missed(reached, missed)}
-"""
-
-
-def _about_missed(reached: Sequence[Result], missed: Sequence[Result]) -> str:
-    if not missed:
-        return "There are none."
-    table = Table(
-        [
-            Column("seed", lambda r: r.seed),
-            Column("outcome", lambda r: r.outcome, left=True),
-            *FACTORS,
-            Column("last error [mrad]", lambda r: r.final_rms_mrad, ".2f"),
-            Column("trials", lambda r: len(r.trials)),
-            Column("aborts", lambda r: r.aborts),
-            Column("message", lambda r: r.message, left=True),
-        ],
-        missed,
-    )
     medians = [
         (factor.heading, *(f"{np.median([factor.value(r) for r in some]):.2f}" for some in (reached, missed)))
         for factor in FACTORS
-        if reached
+        if reached and missed
     ]
-    return f"""{table.markdown()}
-
-Friction is that of the worse joint; "exact model" is the error that the goal movement has with the simulated
-arm's own inverse dynamics. What tells these runs from the others, as medians:
-
-{of_texts(("", "reached", "not reached"), medians).markdown()}"""
+    return {
+        "results": results,
+        "practice": config.practice,
+        "control": config.control,
+        "table": of_texts(("", ""), rows).markdown(),
+        "missed": missed and Table(MISSED, missed).markdown(),
+        "medians": of_texts(("", "reached", "not reached"), medians).markdown(),
+    }
 
 
 def _share(results: Sequence[Result], outcome: str) -> str:
@@ -328,5 +285,5 @@ def random_practice(options: StudyOptions) -> None:
         if options.only or result.outcome != "completed" or result.aborts:
             click.echo(details(result))
         if len(results) % 20 == 0 or len(results) == len(tasks):
-            text, drawn = page(results, config, options.command), partial(figure, list(results), config)
-            options.write("random_practice.md", text, {"random_practice": drawn})
+            drawn = {"random_practice": partial(figure, list(results), config)}
+            options.write("random_practice.md", drawn, **summary(results, config))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflinePractice
 from tel_lab.study import ROOT, StudyOptions, study
-from tel_lab.tables import Column, Table, of_texts
+from tel_lab.tables import Column, Table, filled, of_texts
 from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
 from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tel_ros.core.learning.learner import Learner
@@ -112,36 +111,32 @@ TRIAL: tuple[Column[Measured], ...] = (
     Column("trial", lambda trial: trial.report.index, left=True),
     Column("α", lambda trial: trial.fitted.alpha, ".3f", left=True),
 )
-ERRORS = Table(
-    [
-        *TRIAL,
-        column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
-        column("‖R̂û‖", lambda trial: 1e3 * trial.fitted.training_error_rad),
-        pairs("‖Ru‖", "command_error_rad", 1e3),
-        pairs("‖Ru‖ after", "command_error_after_rad", 1e3),
-        pairs("k_R", "k_r"),
-        column("γ", lambda trial: trial.fitted.rate),
-        pairs("Theorem 1", "theorem_1"),
-        pairs("came", "contraction"),
-        pairs("Theorem 2", "theorem_2"),
-    ]
-)
+ERRORS = [
+    *TRIAL,
+    column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
+    column("‖R̂û‖", lambda trial: 1e3 * trial.fitted.training_error_rad),
+    pairs("‖Ru‖", "command_error_rad", 1e3),
+    pairs("‖Ru‖ after", "command_error_after_rad", 1e3),
+    pairs("k_R", "k_r"),
+    column("γ", lambda trial: trial.fitted.rate),
+    pairs("Theorem 1", "theorem_1"),
+    pairs("came", "contraction"),
+    pairs("Theorem 2", "theorem_2"),
+]
 """Errors and contraction of each trial; all errors in mrad."""
-CONSTANTS = Table(
-    [
-        *TRIAL,
-        column("k_N", lambda trial: trial.fitted.k_n),
-        column("k_L", lambda trial: trial.fitted.k_l),
-        pairs("k_x", "k_x"),
-        pairs("k_u", "k_u"),
-        pairs("k_α", "k_alpha"),
-        pairs("k_p", "k_p"),
-        pairs("step", "step_rad", 1e3),
-        pairs("Theorem 3", "theorem_3_rad", 1e3),
-        column("‖Ru‖ came", lambda trial: 1e3 * trial.true.command_error_rad),
-        column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
-    ]
-)
+CONSTANTS = [
+    *TRIAL,
+    column("k_N", lambda trial: trial.fitted.k_n),
+    column("k_L", lambda trial: trial.fitted.k_l),
+    pairs("k_x", "k_x"),
+    pairs("k_u", "k_u"),
+    pairs("k_α", "k_alpha"),
+    pairs("k_p", "k_p"),
+    pairs("step", "step_rad", 1e3),
+    pairs("Theorem 3", "theorem_3_rad", 1e3),
+    column("‖Ru‖ came", lambda trial: 1e3 * trial.true.command_error_rad),
+    column("tracking", lambda trial: 1e3 * trial.report.rms_error_rad),
+]
 """The constants of each trial and what Theorem 3 makes of them, in mrad."""
 
 
@@ -190,52 +185,6 @@ def bounds_table(runs: dict[str, list[Measured]]) -> str:
 
 def _after_step(trial: Measured, ratio: float) -> float:
     return ratio if trial.true.command_step_rad > 0.0 else np.nan
-
-
-def document(runs: dict[str, list[Measured]], command: str) -> str:
-    """Return the page with all tables."""
-    head = f"""# The theorems, measured
-
-Made by `{command}`; [theory.md](theory.md) explains symbols, units and what to make of it.
-`a / b`: estimated as on an arm / from the simulated arm's exact inverse dynamics. Errors in mrad.
-
-![errors and contraction](figures/theory.png)
-
-## How good the estimates are
-
-Deviation from the truth, median / largest. *fitted*: u from the fitted straight-line model; *network*: from
-the network after training.
-
-{quality_table(runs)}
-
-## How tight the bounds are
-
-With the true constants: in how many trials the right-hand side was at least what came, and the median of
-their ratio. Theorems 1 and 2: the factor of ‖Ru‖ in a trial's training. Theorem 3: against ‖Ru‖ of the trial
-after a step. *Command not foreseen*: that ‖Ru‖ as a share of the change of command that the step needed,
-k_α |Δα|; median and range.
-
-{bounds_table(runs)}
-"""
-    return "\n".join([head, *(chapter(name, trials) for name, trials in runs.items())])
-
-
-def chapter(name: str, trials: Sequence[Measured]) -> str:
-    """Return the tables of one run."""
-    file, *settings = RUNS[name]
-    said = [f"- after trial {trial.report.index}: {trial.message}" for trial in trials if trial.message]
-    return f"""## {name[0].upper()}{name[1:]}
-
-{", ".join(f"`{text}`" for text in (f"config/{file}", *settings))}
-
-{dataclasses.replace(ERRORS, rows=trials).markdown()}
-
-{dataclasses.replace(CONSTANTS, rows=trials).markdown()}
-
-Lock-up monitor, tolerance {1e3 * TOLERANCE_RAD:.0f} mrad:
-
-{chr(10).join(said or ["- silent"])}
-"""
 
 
 Line = tuple[str, Callable[[Measured], float], dict[str, Any]]
@@ -295,6 +244,14 @@ def theory_measured(options: StudyOptions) -> None:
         names = names[1:2] or names
     found = options.results(measure, {name: (name, options.overrides) for name in names})
     runs = dict(zip(names, found, strict=True))
-    page = document(runs, options.command)
-    click.echo(page)
-    options.write("theory_measured.md", page, {"theory": partial(figure, runs)}, ["png"])
+    page = {
+        "runs": runs,
+        "settings": RUNS,
+        "quality": quality_table(runs),
+        "bounds": bounds_table(runs),
+        "errors": lambda trials: Table(ERRORS, trials).markdown(),
+        "constants": lambda trials: Table(CONSTANTS, trials).markdown(),
+        "tolerance_rad": TOLERANCE_RAD,
+    }
+    click.echo(filled("theory_measured.md", command=options.command, **page))
+    options.write("theory_measured.md", {"theory": partial(figure, runs)}, ["png"], **page)

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from tel_lab.study import assignments
 from tel_ros import __version__
 from tel_ros.core.config import Config, file_values
 from tel_ros.core.config_fields import read_record
@@ -88,13 +89,13 @@ class SweepPlan(SweepFile):
     @property
     def for_all(self) -> tuple[str, ...]:
         """``key=value`` for all points, in the order of their application."""
-        return (*_assignments(self.set), *self.overrides)
+        return (*assignments(self.set), *self.overrides)
 
     def plain(self) -> dict[str, Any]:
         """Return what was asked for, to be read later."""
         return {
             "overrides": list(self.for_all),
-            "cases": {name: list(_assignments(changes)) for name, changes in self.cases.items()},
+            "cases": {name: list(assignments(changes)) for name, changes in self.cases.items()},
             "grid": {key: list(values) for key, values in self.grid.items()},
             "seeds": self.seeds,
         }
@@ -168,7 +169,7 @@ def lay_out(config_file: Path, plan: SweepPlan) -> list[SweepPoint]:
     fits: set[str] = set()
     for case, values in itertools.product(plan.cases or [None], itertools.product(*plan.grid.values())):
         asked = dict(zip(plan.grid, values, strict=True))
-        grid, changes = _assignments(asked), _assignments(plan.cases[case]) if case else ()
+        grid, changes = assignments(asked), assignments(plan.cases[case]) if case else ()
         # What to blame if it never fits: first the values of the grid, then the case.
         parts = [*(f"--grid {text}" for text in grid), f"case {case}"]
         label = {} if case is None else {"case": case}
@@ -217,7 +218,3 @@ def hash_of(values: Any) -> str:
     """Return a short name for plain values, the same for equal ones."""
     text = json.dumps(values, sort_keys=True)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
-
-
-def _assignments(values: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(f"{key}={json.dumps(value)}" for key, value in values.items())

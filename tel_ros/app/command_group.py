@@ -31,6 +31,7 @@ _COMES_WITH = {
     "matplotlib": "pip install 'tel_ros[report]'",
     "pinocchio": "pip install 'tel_ros[rigid-body]'",
     "pybullet": "pip install 'tel_ros[sim]'",
+    "sklearn": "pip install 'tel_ros[lab]'",
     "rclpy": "ROS 2 Jazzy: a sourced installation, or pip install 'tel_ros[ros]'",
     "tel_interfaces": "the wheel of that name beside that of tel_ros (`make dist`), or colcon",
 }

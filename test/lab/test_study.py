@@ -23,7 +23,17 @@ def divided(number: int) -> float:
 def made_up(options: StudyOptions) -> None:
     """Do nothing."""
     click.echo(f"{options.seeds} {options.jobs} {options.quick} {options.out} {options.command}")
-    options.write("page.md", "# Page")
+    options.write("arms.md", n_steps=3, met=1, total=2, sections=["## One"])
+
+
+def missing() -> None:
+    import no_such_module  # noqa: F401
+
+
+@study()
+def of_a_missing_module(options: StudyOptions) -> None:
+    """Need a module."""
+    list(options.results(missing, {"only": ()}))
 
 
 @pytest.mark.timeout(120)
@@ -44,7 +54,16 @@ def test_a_page_says_the_command_that_makes_it_without_where_and_how_fast(tmp_pa
     assert result.output.startswith(f"2 2 False {tmp_path} tel study made_up")
     assert "--set 'a.b=[1, 2]'" in result.output
     assert "--seeds 2" in result.output
-    assert (tmp_path / "page.md").read_text() == "# Page\n"
+    page = (tmp_path / "arms.md").read_text()
+    assert "by `tel study made_up " in page
+    assert page.endswith("**1 of 2 targets are met.**\n\n## One\n")
+
+
+@pytest.mark.timeout(120)
+def test_a_module_that_is_missing_in_a_task_is_named_and_ends_with_code_3() -> None:
+    result = CliRunner().invoke(of_a_missing_module)
+    assert result.exit_code == 3
+    assert result.stderr == "tel: this needs the Python module no_such_module\n"
 
 
 def test_a_quick_study_writes_nothing() -> None:
