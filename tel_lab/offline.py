@@ -142,38 +142,11 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
         return SimulatedArm(config.arm, sim, rate_hz=config.control.rate_hz, seed=config.seed + n_before)
 
 
-class LearnerNetwork:
-    """A learner in this process, and its earlier states."""
-
-    def __init__(self, config: Config, learner: Learner) -> None:
-        self._config = config
-        self.learner = learner
-        """As it is now; may be replaced between two trials."""
-        self.after = {0: learner}
-        """By trial; 0: as the run began."""
-
-    def predict(self, desired: DesiredTrajectory) -> Prediction:
-        """Return the command for a trajectory."""
-        return predicted(self.learner, desired, self._config.control.rate_hz)
-
-    def train(self, trial: Trial) -> TrainingOutcome:
-        """Learn from a trial."""
-        self.learner, training = trained(self.learner, trial, self._config)
-        return training
-
-    def save(self, index: int) -> None:
-        """Keep the learner as it is after a trial."""
-        self.after[index] = self.learner
-
-    def load(self, index: int) -> None:
-        """Go back to the learner as it was after a trial."""
-        self.learner = self.after[index]
-
-
 class OfflinePractice(AbstractContextManager["OfflinePractice"]):
     """A practice run: predict, execute, learn, and so on. Use it with ``with``.
 
     The configuration is as for a run of the ROS graph. ``known_path``: at shape 0; None if it does not vary.
+    It is itself the network of its session: a learner in this process, and its earlier states.
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
@@ -182,26 +155,20 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
 
     def __init__(self, config: Config, path: Path, learner: Learner, known_path: Path | None = None) -> None:
         self._config, self._path, self._known_path = config, path, known_path
-        self._network = LearnerNetwork(config, learner)
+        self.learner = learner
+        """As it is after the last trial; may be replaced between trials."""
+        self.after = {0: learner}
+        """As it was after a trial that was learned from; 0: as the run began."""
         self.arm = OfflineArm(config)
-        self.session = PracticeSession(
-            config, path, known_path, make_strategy(config), self.arm, self._network
-        )
+        self.session = PracticeSession(config, path, known_path, make_strategy(config), self.arm, self)
+        self.done: list[PractisedTrial[Trial]] = []
+        """Trials of the last call of :meth:`run`, also if it raised."""
         self.ending: Ending | None = None
-        """How the last call of :meth:`run` ended."""
+        """How it ended."""
 
     def __exit__(self, *error: object) -> None:
         """End the simulation."""
         self.arm.__exit__(*error)
-
-    @property
-    def learner(self) -> Learner:
-        """As it is after the last trial; may be replaced between trials."""
-        return self._network.learner
-
-    @learner.setter
-    def learner(self, learner: Learner) -> None:
-        self._network.learner = learner
 
     def run(
         self,
@@ -222,24 +189,34 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
             require_within_velocity_limits(self._config, fastest, self._path, self._known_path)
         else:
             self.session.strategy = strategy
-        done: list[PractisedTrial[Trial]] = []
+        self.done = []
         while isinstance(decision := self.session.next(), PlannedTrial):
             before_trial(decision)
-            done.append(self.run_trial(decision))
+            self.done.append(self.run_trial(decision))
         self.ending = decision
-        return done
+        return self.done
 
     def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
-        """Ask the learner for the command, execute it and let the learner learn.
+        """See :meth:`~tel_ros.core.practice.session.PracticeSession.run_trial`.
 
         Raises:
-            ConfigError: the shape varies, and no path is known; nothing has moved.
-            TrajectoryError: the arm must not follow this trajectory; nothing has moved.
             SimulationError: the simulation was closed, or is no longer finite.
-            TrainingError: the trial cannot be learned from; the learner stays as it was.
         """
         return self.session.run_trial(plan)
 
-    def learner_after(self, index: int) -> Learner:
-        """Return the learner as it was after a trial that was learned from; 0: as the run began."""
-        return self._network.after[index]
+    def predict(self, desired: DesiredTrajectory) -> Prediction:
+        """Return the command for a trajectory."""
+        return predicted(self.learner, desired, self._config.control.rate_hz)
+
+    def train(self, trial: Trial) -> TrainingOutcome:
+        """Learn from a trial."""
+        self.learner, training = trained(self.learner, trial, self._config)
+        return training
+
+    def save(self, index: int) -> None:
+        """Keep the learner as it is after a trial."""
+        self.after[index] = self.learner
+
+    def load(self, index: int) -> None:
+        """Go back to the learner as it was after a trial."""
+        self.learner = self.after[index]

@@ -143,7 +143,7 @@ def _practised(config: Config, seed: int) -> _Achieved:
             goal = Movement(config.practice.goal_duration_s)
             for index in range(len(done) + 1, config.practice.trials + 1):
                 done.append(practice.run_trial(PlannedTrial(index, 1.0, goal)))
-        trials = [_result(practised.trial.report) for practised in done]
+        trials = [_result(practised.report) for practised in done]
         learned = Feedforward(practice.learner.predict, 1.0 / config.control.rate_hz)
         return trials, *_tested(practice.arm, learned, config, seed), ending.message
 

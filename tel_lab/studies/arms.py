@@ -48,7 +48,7 @@ class Practised:
         """Whether every trial was completed, no effort was clipped and no measured joint left its range."""
         arm = self.config.arm
         return all(
-            trial.trial.report.outcome == Outcome.COMPLETED
+            trial.report.outcome == Outcome.COMPLETED
             and not trial.trial.saturated.any()
             and bool(np.all(trial.trial.position_rad >= np.array(arm.position_min_rad)))
             and bool(np.all(trial.trial.position_rad <= np.array(arm.position_max_rad)))
@@ -58,12 +58,12 @@ class Practised:
 
 def rms_mrad(trial: PractisedTrial[Trial]) -> float:
     """Return the RMS error over all joints."""
-    return 1e3 * trial.trial.report.rms_error_rad
+    return 1e3 * trial.report.rms_error_rad
 
 
 def worst_joint_mrad(trial: PractisedTrial[Trial]) -> float:
     """Return the RMS error of the joint with the largest one."""
-    return 1e3 * float(np.max(trial.trial.report.rms_error_per_joint_rad))
+    return 1e3 * float(np.max(trial.report.rms_error_per_joint_rad))
 
 
 def schedule(config: Config, repeats: int) -> str:
@@ -103,7 +103,7 @@ def table(runs: dict[str, Practised]) -> str:
 
     columns: list[Column[int]] = [
         Column("trial", lambda k: k + 1),
-        Column("duration [s]", lambda k: longest[k].trial.report.duration_s, ".3f"),
+        Column("duration [s]", lambda k: longest[k].report.duration_s, ".3f"),
         *starmap(of, runs.items()),
     ]
     return Table(columns, range(len(longest))).markdown()
@@ -140,7 +140,7 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
     kept = {name: run.within_limits for name, run in runs.items()}
     judged += [(f"{name}: {limits}", "so" if met else "not so", met) for name, met in kept.items()]
     head = f"Unlearned at the goal speed, without speed limits: {rms_mrad(start):.2f} mrad RMS "
-    head += f"({worst_joint_mrad(start):.2f}), {start.trial.report.outcome.name.lower()}."
+    head += f"({worst_joint_mrad(start):.2f}), {start.report.outcome.name.lower()}."
     return f"{head}\n\n{table(runs)}", [verdict(*each) for each in judged]
 
 
@@ -151,7 +151,7 @@ def planar(file: str) -> tuple[str, list[str]]:
     start = unlearned(file)
     columns: list[Column[tuple[int, PractisedTrial[Trial]]]] = [
         Column("trial", lambda row: row[0]),
-        Column("duration [s]", lambda row: row[1].trial.report.duration_s, ".3f"),
+        Column("duration [s]", lambda row: row[1].report.duration_s, ".3f"),
         Column("adaptive, model-free", lambda row: errors(row[1])),
         Column("why", lambda row: row[1].plan.reason, left=True),
     ]
@@ -171,7 +171,7 @@ def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
     exact = ExactInverseDynamics(config, config.sim)
     fastest_s = duration_at_effort_share(arm, exact, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
     trials, ending = practise(config)
-    reached_s = trials[-1].trial.report.duration_s
+    reached_s = trials[-1].report.duration_s
     clipped = any(trial.trial.saturated.any() for trial in trials)
     met = ending.outcome == "stopped" and abs(reached_s / fastest_s - 1.0) <= 0.05 and not clipped
     found = (

@@ -75,7 +75,7 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
         if trial.training is None:
             continue
         signals, report, outcome = learning_record(trial.trial), trial.report, trial.training
-        after = practice.learner_after(trial.plan.index)
+        after = practice.after[trial.plan.index]
         samples = configured_samples(signals, config.learning)
         given = (trial.plan.alpha, trial.plan.movement.own_duration_s, signals, samples, before, after)
         network = TheoryMonitor(units, training, after.predict)

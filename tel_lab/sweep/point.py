@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.lock_up import LockUpMonitor
-from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.waypoint_file import load_path
@@ -79,37 +78,28 @@ def _practised(config: Config) -> dict[str, Any]:
     path, exact = load_path(config.path, config.arm), ExactInverseDynamics(config, config.sim)
     # At 100 Hz: often enough to find the peak of the effort of a smooth movement.
     effort_ratio = effort_share(config.arm, exact, path, config.practice.goal_duration_s, 100.0)
-    done: list[PractisedTrial[Trial]] = []
-
-    class Practice(OfflinePractice):
-        """Gives the trials one by one, so that they are there if one of them raises."""
-
-        def run_trial(self, plan: PlannedTrial) -> PractisedTrial[Trial]:
-            done.append(super().run_trial(plan))
-            return done[-1]
-
-    try:
-        with Practice(config, path, new_network(config)) as practice:
+    with OfflinePractice(config, path, new_network(config)) as practice:
+        try:
             practice.run()
-        assert practice.ending is not None  # it has run
-        outcome, message = str(practice.ending.outcome), practice.ending.message
-    except TelError as error:
-        if not done:
-            raise
-        outcome, message = FAILED, str(error)
+            assert practice.ending is not None  # it has run
+            outcome, message = str(practice.ending.outcome), practice.ending.message
+        except TelError as error:
+            if not practice.done:
+                raise
+            outcome, message = FAILED, str(error)
     return {
         "outcome": outcome,
         "message": message,
-        **_of_trials(done),
-        **_warnings(done, config.practice.tolerance_rad),
+        **_of_trials(practice.done),
+        **_warnings(practice.done, config.practice.tolerance_rad),
         "goal_effort_ratio": _number(effort_ratio),
     }
 
 
 def _of_trials(done: Sequence[PractisedTrial[Trial]]) -> dict[str, Any]:
-    reports = [practised.trial.report for practised in done]
-    completed = [practised for practised in done if practised.trial.report.outcome == Outcome.COMPLETED]
-    at_goal = [p.trial.report.rms_error_rad for p in completed if p.plan.alpha >= 1.0 - 1e-9]
+    reports = [practised.report for practised in done]
+    completed = [practised for practised in done if practised.report.outcome == Outcome.COMPLETED]
+    at_goal = [p.report.rms_error_rad for p in completed if p.plan.alpha >= 1.0 - 1e-9]
     first, last = reports[0], reports[-1]
     deviations_rad = [r.max_error_rad for r in reports if math.isfinite(r.max_error_rad)]
     return {
@@ -126,16 +116,11 @@ def _of_trials(done: Sequence[PractisedTrial[Trial]]) -> dict[str, Any]:
 
 
 def _warnings(done: Sequence[PractisedTrial[Trial]], tolerance_rad: float) -> dict[str, Any]:
-    monitor = LockUpMonitor(tolerance_rad)
-    said = [
-        monitor.after_trial(
-            practised.plan.alpha,
-            practised.trial.report.rms_error_rad,
-            practised.training.rms_before_rad if practised.training else math.nan,
-            practised.training.rms_after_rad if practised.training else math.nan,
-        )
-        for practised in done
-    ]
+    monitor, said = LockUpMonitor(tolerance_rad), []
+    for practised in done:
+        learned = practised.training
+        errors = (learned.rms_before_rad, learned.rms_after_rad) if learned else (math.nan, math.nan)
+        said.append(monitor.after_trial(practised.plan.alpha, practised.report.rms_error_rad, *errors))
     first = next((number for number, text in enumerate(said, start=1) if text), None)
     return {"warned_trial": first, "warning": said[-1]}
 

@@ -176,7 +176,7 @@ def test_the_papers_protocol_gives_the_errors_that_the_graph_measured(make_pract
     errors_rad = [practised.trial.report.rms_error_rad for practised in done]
     # The last digit of the measurements: learning may sum in another order on another processor.
     assert errors_rad == pytest.approx(GRAPH_RMS_RAD, abs=6e-5)
-    assert [practice.learner_after(k).trials_learned for k in range(1, len(done) + 1)] == list(range(1, 16))
+    assert [practice.after[k].trials_learned for k in range(1, len(done) + 1)] == list(range(1, 16))
 
 
 def test_practice_ends_with_an_abort_and_does_not_learn_from_it(make_practice: MakePractice) -> None:
@@ -216,7 +216,7 @@ def test_practice_goes_on_after_an_abort_if_it_is_told_so(make_practice: MakePra
     first, second = practice.run()
     assert first.trial.report.outcome == Outcome.ABORTED
     assert first.training is not None
-    assert [practice.learner_after(k).trials_learned for k in (1, 2)] == [1, 2]
+    assert [practice.after[k].trials_learned for k in (1, 2)] == [1, 2]
 
 
 def test_the_arm_can_be_replaced_before_a_trial(make_practice: MakePractice) -> None:

@@ -48,7 +48,7 @@ def practise(*overrides: str) -> Judged:
         assert trial.training is not None
         signals, report = learning_record(trial.trial), trial.trial.report
         samples = configured_samples(signals, config.learning)
-        after = practice.learner_after(trial.plan.index)
+        after = practice.after[trial.plan.index]
         given = (report.alpha, report.duration_s, signals, samples, before, after)
         judged.fitted.append(fitted.after_trial(*given))
         judged.true.append(true.after_trial(*given))
