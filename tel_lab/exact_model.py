@@ -44,13 +44,11 @@ class ExactInverseDynamics:
         return offset
 
     def std(self, inputs: FloatArray) -> FloatArray:
-        """Return zeros: the model is exact. Shape (n, n_joints)."""
         return np.zeros((len(inputs), inputs.shape[1] // 3))
 
     def trained_on(
         self, samples: TrainingSamples, mode: TrainingMode
     ) -> tuple[ExactInverseDynamics, TrainingOutcome]:
-        """Return itself: it knows everything already."""
         return self, TrainingOutcome(0.0, 0.0, 0.0, ())
 
     def _rigid_body_torque_nm(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:

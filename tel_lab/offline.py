@@ -54,7 +54,6 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
         self._arm = self._new_arm(config.sim)
 
     def __exit__(self, *error: object) -> None:
-        """End the simulation."""
         self._arm.close()
 
     @property
@@ -110,7 +109,6 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
         )
 
     def execute(self, commanded: CommandedTrial) -> tuple[TrialReport, Trial]:
-        """Execute a trial of a practice session."""
         trial = self.run_trial(commanded.goal)
         return trial.report, trial
 
@@ -167,7 +165,6 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
         """How it ended."""
 
     def __exit__(self, *error: object) -> None:
-        """End the simulation."""
         self.arm.__exit__(*error)
 
     def run(
@@ -205,18 +202,14 @@ class OfflinePractice(AbstractContextManager["OfflinePractice"]):
         return self.session.run_trial(plan)
 
     def predict(self, desired: DesiredTrajectory) -> Prediction:
-        """Return the command for a trajectory."""
         return predicted(self.learner, desired, self._config.control.rate_hz)
 
     def train(self, trial: Trial) -> TrainingOutcome:
-        """Learn from a trial."""
         self.learner, training = trained(self.learner, trial, self._config)
         return training
 
     def save(self, index: int) -> None:
-        """Keep the learner as it is after a trial."""
         self.after[index] = self.learner
 
     def load(self, index: int) -> None:
-        """Go back to the learner as it was after a trial."""
         self.learner = self.after[index]

@@ -70,11 +70,9 @@ class Stream:
 
     @staticmethod
     def types(command_topics: tuple[str, ...]) -> dict[str, type]:
-        """Return the topics that it would publish and their types."""
         return {t: _TYPES[t] for t in (topics.JOINT_STATES, *command_topics, topics.CONTROL_STATES)}
 
     def begin(self, trial: int) -> None:
-        """Let a trial begin with the next tick."""
         with self._lock:
             self.sent, self.trial = [], trial
 
@@ -94,7 +92,6 @@ class Stream:
         )
 
     def goal(self, trial: int, n_points: int) -> TrialGoal:
-        """Return a goal of so many points."""
         values = array("d", np.random.default_rng(trial).normal(size=n_points * len(self._joints)))
         times = array("q", (self.period_ns * np.arange(n_points)).tolist())
         names = ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "equilibrium_rad")
@@ -102,12 +99,10 @@ class Stream:
         return TrialGoal(trial=trial, alpha=1.0, joint_names=self._joints, time_ns=times, **points)
 
     def __enter__(self) -> Stream:
-        """Begin to publish."""
         self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End it."""
         self._stopping.set()
         self._thread.join()
 
@@ -161,12 +156,10 @@ class Client(Node):
         self._stop = self.create_client(StopRecording, topics.STOP_RECORDING)
 
     def call_start(self, bag: Path, goal: TrialGoal) -> Any:
-        """Ask for a bag to be opened; return the future."""
         metadata = {"metadata_keys": ["seed"], "metadata_values": ["1"]}
         return self._start.call_async(StartRecording.Request(bag=str(bag), goal=goal, **metadata))
 
     def call_stop(self, result: TrialResult) -> Any:
-        """Ask for the bag to be closed; return the future."""
         return self._stop.call_async(StopRecording.Request(result=result))
 
     def spin_for(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
@@ -182,7 +175,6 @@ class Client(Node):
             raise TimeoutError(otherwise)
 
     def wait_for_recorder(self) -> None:
-        """Wait until a recorder is there."""
         services = (self._start, self._stop)
         self.require(lambda: all(s.service_is_ready() for s in services), "the recorder did not come up")
 

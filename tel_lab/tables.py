@@ -41,7 +41,6 @@ class Column(Generic[Row]):
     key: str = ""
 
     def text(self, row: Row) -> str:
-        """Return the cell of a row, for people."""
         value = self.value(row)
         if value is None or (isinstance(value, float) and math.isnan(value)):
             return NONE
@@ -57,7 +56,6 @@ class Table(Generic[Row]):
     title: str = ""
 
     def cells(self) -> list[list[str]]:
-        """Return the texts of all rows."""
         return [[column.text(row) for column in self.columns] for row in self.rows]
 
     def markdown(self) -> str:

@@ -35,7 +35,6 @@ class ArmChange:
     sim: dict[str, float]
 
     def of(self, config: Config) -> SimConfig:
-        """Return the other arm."""
         return replace(config.sim, **self.sim)  # type: ignore[arg-type]
 
 
@@ -61,7 +60,6 @@ def practise(
 
 
 def verdict(wanted: str, found: str, met: bool) -> str:
-    """Return a judged target as a line of a list."""
     return f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
 
 
@@ -75,12 +73,10 @@ class TrialRecord:
 
     @classmethod
     def of(cls, practised: PractisedTrial[Trial]) -> TrialRecord:
-        """Return what is kept of a trial."""
         return cls(practised.plan, practised.report, excursion_rad(practised.trial))
 
     @property
     def completed(self) -> bool:
-        """Whether the trial came to its end."""
         return self.report.outcome == Outcome.COMPLETED
 
     @property

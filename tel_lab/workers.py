@@ -65,12 +65,10 @@ class Workforce:
 
     @property
     def n_jobs(self) -> int:
-        """Tasks at once on this machine."""
         return self.jobs or len(os.sched_getaffinity(0))
 
     @property
     def with_ray(self) -> bool:
-        """Whether Ray computes."""
         if self.address is not None and self.executor == "processes":
             raise ConfigError("--address", self.address, "no address with --executor processes")
         if self.executor == "processes":
@@ -104,7 +102,6 @@ class Workforce:
 
 
 def has_ray() -> bool:
-    """Return whether Ray is installed."""
     return importlib.util.find_spec("ray") is not None
 
 

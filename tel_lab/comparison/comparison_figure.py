@@ -27,7 +27,6 @@ _DOTS_BELOW = 0.25
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
-    """Return the figure: medians with 95 % intervals, and below each the single arms; less is better."""
     specs = comparison.methods
     figure = Figure(figsize=(WIDTH_IN, 1.1 + _ROW_IN * len(specs)), layout="constrained")
     panels = figure.subplots(1, len(COLUMNS), sharey=True)

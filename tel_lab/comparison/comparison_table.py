@@ -54,19 +54,16 @@ def cell(found: Median | None, column: MeritColumn) -> str:
 
 
 def heading(column: MeritColumn) -> str:
-    """Return the title of a column with its unit."""
     return f"{column.title} [mrad]" if column.in_mrad else column.title
 
 
 def rows(comparison: Comparison) -> Iterator[list[str]]:
-    """Yield a row a method: its title and a cell a column."""
     for spec in comparison.methods:
         cells = [cell(middle(comparison, column, spec.name), column) for column in COLUMNS]
         yield [spec.title + GIVEN_MARK[spec.given], *cells]
 
 
 def table(comparison: Comparison) -> Table[list[str]]:
-    """Return the table of medians: a row a method."""
     return of_texts(["method", *map(heading, COLUMNS)], rows(comparison))
 
 
@@ -132,7 +129,6 @@ def standings(comparison: Comparison, family: str) -> Iterator[list[str]]:
 
 
 def speed_text(comparison: Comparison) -> str:
-    """Return how much faster than real arms this was."""
     arm_s, wall_s = comparison.arm_s, comparison.wall_s
     return (
         f"{arm_s:.0f} s of arm time in {wall_s:.0f} s: {arm_s / wall_s:.0f} times real time "
@@ -141,7 +137,6 @@ def speed_text(comparison: Comparison) -> str:
 
 
 def page(comparison: Comparison, command: str, figure: str) -> str:
-    """Return the page with table, figure (a file, as seen from the page) and standings."""
     runs = comparison.runs[comparison.methods[0].name]
     return filled(
         f"{NAME}.md",

@@ -48,12 +48,10 @@ class Comparison:
 
     @property
     def arm_s(self) -> float:
-        """How long the arms were busy altogether."""
         return sum(run.arm_s for runs in self.runs.values() for run in runs)
 
     @property
     def cpu_s(self) -> float:
-        """Processor time of all runs."""
         return sum(run.cpu_s for runs in self.runs.values() for run in runs)
 
 

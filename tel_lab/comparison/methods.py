@@ -63,7 +63,6 @@ def chosen(names: Sequence[str]) -> list[MethodSpec]:
 
 
 def goal_movement(config: Config) -> DesiredTrajectory:
-    """Return the movement that is wanted."""
     path = load_path(config.path, config.arm)
     return sample(path, config.practice.goal_duration_s, config.control.rate_hz)
 

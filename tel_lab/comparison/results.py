@@ -46,7 +46,6 @@ class MethodRun:
 
     @property
     def arm_s(self) -> float:
-        """How long the arm was busy altogether."""
         return _busy_s(*self.trials, self.final, *filter(None, [self.new_path]))
 
     @property
@@ -78,7 +77,6 @@ class MethodRun:
 
     @property
     def aborts(self) -> float:
-        """Number of trials of practice that were aborted."""
         return sum(not trial.completed for trial in self.trials)
 
     @property
@@ -104,11 +102,9 @@ class MeritColumn:
 
     @property
     def in_mrad(self) -> bool:
-        """Whether it is an angle."""
         return self.key.endswith("_rad")
 
     def value(self, run: MethodRun) -> float:
-        """Return the figure of a run."""
         value: float = getattr(run, self.key)
         return value
 

@@ -48,7 +48,6 @@ class Feedforward:
         self._predict, self._period_s = predict, control_period_s
 
     def command(self, desired: DesiredTrajectory) -> FloatArray:
-        """Return û [rad]. Shape (n, n_joints)."""
         offset: FloatArray = self._predict(query_inputs(desired, self._period_s))
         return desired.position_rad + offset
 
@@ -90,7 +89,6 @@ class FeedbackErrorLearning:
         self._damping_s = np.array(context.damping_nms_per_rad) / np.array(context.stiffness_nm_per_rad)
 
     def command(self, desired: DesiredTrajectory) -> FloatArray:
-        """Return û [rad]. Shape (n, n_joints)."""
         learned = self._learner.predict(query_inputs(desired, self._period_s))
         return with_velocity_reference(desired, self._damping_s) + learned
 

@@ -47,7 +47,6 @@ def writing_motion(hand: Derivatives) -> FloatArray:
 
 
 def iiwa_urdf() -> str:
-    """Return the description of the seven-joint arm, with the inertias that its torques are made with."""
     import pybullet_data
 
     path = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"

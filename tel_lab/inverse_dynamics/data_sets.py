@@ -50,7 +50,6 @@ class Trial:
 
     @classmethod
     def exact(cls, name: str, inputs: FloatArray, torque_nm: FloatArray, rate_hz: float) -> Self:
-        """Return a movement without noise or filters."""
         return cls(name, inputs, torque_nm, rate_hz, np.zeros(inputs.shape[1]), 0.5 * rate_hz)
 
 

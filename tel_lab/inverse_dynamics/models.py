@@ -59,7 +59,6 @@ class OurModel:
         self.fit(data.training[:1])  # compiles what has to be compiled, outside of the timing
 
     def fit(self, trials: Sequence[Trial]) -> None:
-        """Begin anew and go through the trials."""
         data = self._data
         self._learner = learner_kind(self._learning.name).new(
             LearnerContext(
@@ -84,11 +83,9 @@ class OurModel:
             self._learner, _ = self._learner.trained_on(samples, "actual")
 
     def predict(self, inputs: FloatArray) -> FloatArray:
-        """Return torque [N·m]."""
         return self._stiffness * self._learner.predict(inputs) - self._damping * self._velocity(inputs)
 
     def size_mb(self) -> float:
-        """Return the size of what goes into the file of a network."""
         stored = self._learner.stored()
         return (sum(a.nbytes for a in stored.arrays.values()) + len(json.dumps(dict(stored.header)))) / 1e6
 
@@ -104,7 +101,6 @@ class SklearnModel:
         self._fit_estimators = fit
 
     def fit(self, trials: Sequence[Trial]) -> None:
-        """Standardise and fit."""
         from sklearn.preprocessing import StandardScaler
 
         inputs, torque_nm = stacked(trials)
@@ -115,19 +111,16 @@ class SklearnModel:
             self._estimators = self._fit_estimators(*standard)
 
     def predict(self, inputs: FloatArray) -> FloatArray:
-        """Return torque [N·m]."""
         scaled = self._inputs.transform(inputs)
         outputs = np.column_stack([estimator.predict(scaled) for estimator in self._estimators])
         torque_nm: FloatArray = self._torques.inverse_transform(outputs)
         return torque_nm
 
     def size_mb(self) -> float:
-        """Return the size of the pickled estimators."""
         return len(pickle.dumps(self._estimators)) / 1e6
 
 
 def fit_ridge(inputs: FloatArray, outputs: FloatArray) -> list[Any]:
-    """Return one linear model of all joints."""
     from sklearn.linear_model import Ridge
 
     return [Ridge(1e-3).fit(inputs, outputs)]

@@ -41,16 +41,13 @@ class Run:
 
     @property
     def last(self) -> TrialRecord:
-        """The last trial."""
         return self.trials[-1]
 
     @property
     def is_of_a_change(self) -> bool:
-        """Whether the arm has changed on the way."""
         return self.change is not None and self.change.at_trial <= len(self.trials)
 
     def last_in_words(self) -> str:
-        """Return what was reached, and when."""
         last = self.last
         return f"{last.report.duration_s:.2f} s with {last.rms_mrad:.2f} mrad after {len(self.trials)} trials"
 
@@ -77,7 +74,6 @@ def reached(run: Run, *, trials: int | None = None, rms_mrad: float = 5.0) -> tu
 
 
 def no_deviation_above(run: Run, limit_rad: float) -> tuple[str, bool]:
-    """Judge the largest deviation of all trials."""
     largest_rad = max(trial.excursion_rad for trial in run.trials)
     return f"{largest_rad:.3f} rad", largest_rad <= limit_rad
 
@@ -94,12 +90,10 @@ def stopped_at_the_limit(run: Run) -> tuple[str, bool]:
 
 
 def says_that_effort_is_short(run: Run) -> tuple[str, bool]:
-    """Judge whether the reason for the end names the effort limit."""
     return run.ending.message, "effort limit" in run.ending.message
 
 
 def nothing_clipped(run: Run) -> tuple[str, bool]:
-    """Judge whether no effort was clipped in any trial."""
     clipped = [k for k, trial in enumerate(run.trials, start=1) if trial.report.saturated_ratio > 0.0]
     return f"clipped in trials {clipped}" if clipped else "never clipped", not clipped
 
@@ -173,7 +167,6 @@ SCENARIOS = {
 
 
 def run_scenario(name: str, overrides: Sequence[str]) -> Run:
-    """Practise as a scenario says."""
     scenario = SCENARIOS[name]
     config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
     trials, ending = practise(config, scenario.change)

@@ -35,12 +35,10 @@ class Practised:
 
     @property
     def first(self) -> PractisedTrial[Trial]:
-        """The first trial at the goal speed."""
         return self.trials[-1 - self.repeats]
 
     @property
     def last(self) -> PractisedTrial[Trial]:
-        """The last repeat."""
         return self.trials[-1]
 
     @property
@@ -57,12 +55,10 @@ class Practised:
 
 
 def rms_mrad(trial: PractisedTrial[Trial]) -> float:
-    """Return the RMS error over all joints."""
     return 1e3 * trial.report.rms_error_rad
 
 
 def worst_joint_mrad(trial: PractisedTrial[Trial]) -> float:
-    """Return the RMS error of the joint with the largest one."""
     return 1e3 * float(np.max(trial.report.rms_error_per_joint_rad))
 
 
@@ -75,7 +71,6 @@ def schedule(config: Config, repeats: int) -> str:
 
 
 def on_schedule(file: str, repeats: int, *overrides: str) -> Practised:
-    """Practise on the schedule."""
     config = load_config(CONFIGS / file, overrides)
     overrides = ("practice.strategy=trajectory_extension", *overrides, schedule(config, repeats))
     config = load_config(CONFIGS / file, overrides)
@@ -90,12 +85,10 @@ def unlearned(file: str) -> PractisedTrial[Trial]:
 
 
 def errors(trial: PractisedTrial[Trial]) -> str:
-    """Return the RMS error over all joints, and in brackets that of the worst one."""
     return f"{rms_mrad(trial):.2f} ({worst_joint_mrad(trial):.2f})"
 
 
 def table(runs: dict[str, Practised]) -> str:
-    """Return the trials of some runs beside each other."""
     longest = max((run.trials for run in runs.values()), key=len)
 
     def of(name: str, run: Practised) -> Column[int]:
@@ -110,7 +103,6 @@ def table(runs: dict[str, Practised]) -> str:
 
 
 def seven_joints(file: str) -> tuple[str, list[str]]:
-    """Return table and verdicts of an arm under gravity."""
     start = unlearned(file)
     free = on_schedule(file, MODEL_FREE_REPEATS)
     friction_nm = [0.01 * limit for limit in free.config.arm.effort_limit_nm]
@@ -145,7 +137,6 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
 
 
 def planar(file: str) -> tuple[str, list[str]]:
-    """Return table and verdicts of the redundant planar arm, as configured."""
     config = load_config(CONFIGS / file)
     trials, ending = practise(config)
     start = unlearned(file)
@@ -163,7 +154,6 @@ def planar(file: str) -> tuple[str, list[str]]:
 
 
 def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
-    """Return text and verdicts of a goal that the effort limits do not allow."""
     overrides = ["practice.strategy=adaptive_extension", f"practice.goal_duration_s={goal_s}"]
     overrides += ["learning.name=rigid_body", "practice.tolerance_rad=0.001"]
     config = load_config(CONFIGS / file, overrides)
@@ -194,7 +184,6 @@ ARMS: dict[str, Callable[[], tuple[str, list[str]]]] = {
 
 
 def chapter(name: str) -> tuple[str, list[str]]:
-    """Return text and verdicts about an arm."""
     return ARMS[name]()
 
 

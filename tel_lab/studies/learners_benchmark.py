@@ -100,7 +100,6 @@ class Chapter:
 
 
 def chapter(name: str, effort: Effort, parts: Sequence[float]) -> Chapter:
-    """Train all learners on a data set."""
     import sklearn.gaussian_process  # noqa: F401 - its libraries have to be loaded to be limited
 
     results: list[Result] = []
@@ -129,7 +128,6 @@ NAMES: tuple[Column[Result], ...] = (
 
 
 def number(heading: str, value: Callable[[Result], float]) -> Column[Result]:
-    """Return a column of numbers with two digits."""
     return Column(heading, value, _short)
 
 

@@ -49,7 +49,6 @@ def rms_of_trials(overrides: tuple[str, ...], arm: str, learner: str) -> list[st
 
 
 def cell(practised: PractisedTrial[Trial]) -> str:
-    """Return the RMS error of a trial in mrad."""
     report = practised.report
     if report.outcome != Outcome.COMPLETED:
         return "abort"

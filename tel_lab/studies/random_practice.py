@@ -75,12 +75,10 @@ class Result:
 
     @property
     def aborts(self) -> int:
-        """Trials that did not come to their end."""
         return sum(not trial.completed for trial in self.trials)
 
 
 def task(config: Config, seed: int) -> tuple[Config, JointPath]:
-    """Return the configuration and the path of a seed."""
     arm = config.arm
     sim = vary(config.sim, seed, FAR, n_joints=len(arm.joints))
     low_rad, high_rad = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
@@ -148,7 +146,6 @@ MISSED: list[Column[Result]] = [
 
 
 def figure(results: Sequence[Result], config: Config) -> Figure:
-    """Return the figure: errors of the last trials, numbers of trials, largest deviations."""
     drawing = Figure(figsize=(7.2, 2.7), layout="constrained")
     errors, counts, excursions = drawing.subplots(1, 3)
     for outcome, (colour, marker, words) in OUTCOMES.items():
@@ -187,7 +184,6 @@ def figure(results: Sequence[Result], config: Config) -> Figure:
 
 
 def summary(results: Sequence[Result], config: Config) -> dict[str, Any]:
-    """Return what the page says about the runs."""
     trials = [trial for result in results for trial in result.trials]
     reached = [result for result in results if result.outcome == "completed"]
     missed = [result for result in results if result.outcome != "completed"]
@@ -243,7 +239,6 @@ def _spread(values: Sequence[float], form: str = "{:.2f}") -> str:
 
 
 def line(result: Result) -> str:
-    """Return one line about a seed."""
     return (
         f"{result.seed:4d}  {result.outcome:9s}  inertia x{result.sim.inertia_scale:.2f}  "
         f"goal {result.goal_s:5.2f} s  {100 * result.effort_share:3.0f} % effort  "
@@ -254,7 +249,6 @@ def line(result: Result) -> str:
 
 
 def details(result: Result) -> str:
-    """Return the trials of a seed, one a line."""
 
     def text(trial: TrialRecord) -> str:
         plan, report = trial.plan, trial.report

@@ -145,7 +145,6 @@ def _apply(priority: int) -> None:
 
 
 def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
-    """Return the figures of two bare processes."""
     parts = []
     for target in (bare_controller, bare_arm):
         results = SPAWN.Queue()
@@ -163,13 +162,11 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
 
 
 def cpu_time_s(pid: int) -> float:
-    """Return how long a process has had a core so far."""
     times = psutil.Process(pid).cpu_times()
     return float(times.user + times.system)
 
 
 def practice_command(config: Path, folder: Path, overrides: Sequence[str]) -> list[str]:
-    """Return the command that practises with a configuration into a folder."""
     command = [sys.executable, "-m", "tel_ros.app.cli", "practice", str(config), "--out", str(folder)]
     return [*command, "--no-report", *(part for value in overrides for part in ("--set", value))]
 
@@ -231,7 +228,6 @@ def in_time(bag: Path, rate_hz: float) -> float:
 
 @contextlib.contextmanager
 def busy_core() -> Iterator[None]:
-    """Keep one core busy meanwhile."""
     process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:
         yield

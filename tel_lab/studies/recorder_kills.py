@@ -162,7 +162,6 @@ class Kills:
     kills: list[Kill]
 
     def count(self, found: str) -> int:
-        """Return how many left this behind."""
         return sum(kill.found == found for kill in self.kills)
 
     def of_recovered(self, reduce: Any, value: Callable[[Kill], float]) -> float:

@@ -81,7 +81,6 @@ def listen(domain: int, counts: Any) -> None:
 
 
 def bare(duration_s: float, domain: int) -> Rate:
-    """Measure a process that does nothing with what it hears."""
     counts = SPAWNER.Value("q", 0)
     with (
         beside(domain, listen, counts) as (process, client),
@@ -100,7 +99,6 @@ def bare(duration_s: float, domain: int) -> Rate:
 
 
 def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate:
-    """Measure the recorder over one trial."""
     bag = folder / storage
     with (
         beside(domain, record, storage, RecordingConfig().chunk_s) as (process, client),
@@ -161,7 +159,6 @@ class Reading:
 
 
 def reading(storage: str, folder: Path, n_trials: int) -> Reading:
-    """Measure what a run of so many trials costs those who read it."""
     config = load_config(SAMPLE_RUN / "run.yaml")
     bags = copied_run(storage, folder, n_trials)
     began = time.process_time()

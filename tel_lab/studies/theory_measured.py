@@ -89,7 +89,6 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
 
 
 def number(value: float) -> str:
-    """Return three digits, or a dash for what is not known."""
     return f"{value:.3g}" if np.isfinite(value) else "–"
 
 
@@ -103,7 +102,6 @@ def pairs(heading: str, name: str, scale: float = 1.0) -> Column[Measured]:
 
 
 def column(heading: str, value: Callable[[Measured], float]) -> Column[Measured]:
-    """Return a column of one figure."""
     return Column(heading, value, number)
 
 
@@ -205,7 +203,6 @@ _CONTRACTION: tuple[Line, ...] = (
 
 
 def figure(runs: Mapping[str, Sequence[Measured]]) -> Figure:
-    """Draw errors above, contraction below, one column a run."""
     drawing = Figure(figsize=(2.9 * len(runs), 5.6), layout="constrained")
     axes = drawing.subplots(2, len(runs), squeeze=False)
     for (name, trials), above, below in zip(runs.items(), axes[0], axes[1], strict=True):

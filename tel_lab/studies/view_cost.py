@@ -68,7 +68,6 @@ async def take_everything(link: str) -> None:
 
 @contextlib.contextmanager
 def process(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Start a command, wait for its first line, and end it."""
     started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         line = started.stdout.readline().strip() if started.stdout else ""

@@ -88,11 +88,9 @@ class SweepPlan(SweepFile):
 
     @property
     def for_all(self) -> tuple[str, ...]:
-        """``key=value`` for all points, in the order of their application."""
         return (*assignments(self.set), *self.overrides)
 
     def plain(self) -> dict[str, Any]:
-        """Return what was asked for, to be read later."""
         return {
             "overrides": list(self.for_all),
             "cases": {name: list(assignments(changes)) for name, changes in self.cases.items()},

@@ -65,7 +65,6 @@ def run_point(config: Config) -> dict[str, Any]:
 
 
 def failure(message: str) -> dict[str, Any]:
-    """Return the measures of a point that gave none."""
     return {**dict.fromkeys(MEASURES), "outcome": FAILED, "message": message}
 
 

@@ -101,7 +101,6 @@ class Sweep:
 
     @property
     def n_done(self) -> int:
-        """How many points need not run."""
         return sum(point.config is None or self.folder.is_done(point.key) for point in self.points)
 
     def run(self, workforce: Workforce, progress: Callable[[int, int], None]) -> None:

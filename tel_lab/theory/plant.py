@@ -92,7 +92,6 @@ class FittedPlant:
 
     @classmethod
     def unknown(cls, input_range: InputRange) -> Self:
-        """Return the model before the first trial."""
         n_inputs = len(input_range.low)
         shape = n_inputs + 1, n_inputs + 1
         return cls(input_range, np.zeros(shape), np.zeros((n_inputs + 1, n_inputs // 3)))

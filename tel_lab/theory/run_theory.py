@@ -82,7 +82,6 @@ SECTION = Section("theory", "What the theorems say", theory, "theory")
 
 
 def theory_figure(trials: Sequence[TrialRow], estimates: Sequence[TheoryEstimate]) -> Figure:
-    """Return what the theorems of [Practice] speak of, over the trials that were learned from."""
     figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
     errors, factors = figure.subplots(1, 2)
     steps = [e.step_rad if e.step_rad > 0.0 else math.nan for e in estimates]
