@@ -51,6 +51,9 @@ def compare(
 
     names = tuple(name.strip() for name in methods.split(",") if name.strip())
     with ending_in_one_line():
+        if out is not None:
+            with shown.writing_to(out):
+                pass
         comparison = compare_methods(Task(config_file, overrides, trials), names, seeds, jobs)
         if out is not None:
             options = [f"--seeds {seeds}", f"--trials {trials}"]

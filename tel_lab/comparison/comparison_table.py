@@ -6,7 +6,9 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from tel_lab.comparison.method_runs import Comparison
@@ -153,6 +155,18 @@ def page(comparison: Comparison, command: str, figure: str) -> str:
     )
 
 
+@contextmanager
+def writing_to(folder: Path) -> Iterator[None]:
+    """Make a folder and try it; InputFileError if it cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            yield
+    except OSError as error:
+        found = f"cannot be written to ({error.strerror})"
+        raise InputFileError(folder, found, "a folder of your own") from None
+
+
 def write_files(comparison: Comparison, folder: Path, command: str) -> None:
     """Write comparison.csv, .json, .md, .svg and .png into a folder; files of these names are replaced.
 
@@ -166,12 +180,7 @@ def write_files(comparison: Comparison, folder: Path, command: str) -> None:
         "json": json_text(comparison) + "\n",
         "md": page(comparison, command, f"{NAME}.svg"),
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with writing_to(folder):
         for suffix, text in texts.items():
             (folder / f"{NAME}.{suffix}").write_text(text, encoding="utf-8")
         write_figure(lambda: comparison_figure(comparison), folder / NAME)
-    except OSError as error:
-        raise InputFileError(
-            folder, f"cannot be written to ({error.strerror})", "a folder of your own"
-        ) from None

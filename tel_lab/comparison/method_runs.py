@@ -60,14 +60,17 @@ def compare(task: Task, methods: Sequence[str] = (), n_seeds: int = 10, jobs: in
 
     Raises:
         ConfigError: there is no such method, or a value of the configuration is wrong.
-        InputFileError: the configuration cannot be read.
+        InputFileError: the configuration, or a file that it names, cannot be read.
         TaskFailedError: a run broke down.
     """
     if n_seeds < 1:
         raise ConfigError("--seeds", n_seeds, "a whole number of at least 1")
     specs = tuple(chosen(methods))
-    for spec in specs:
-        method_config(task, spec, 1)  # before any work begins
+    for spec in specs:  # before any work begins
+        config = method_config(task, spec, 1)
+        with OfflineArm(config):
+            goal_movement(config)
+            new_network(config)
     started = time.monotonic()
     items = [(spec.name, seed) for seed in range(1, n_seeds + 1) for spec in specs]
     tasks = {f"{name} on arm {seed}": (task, name, seed) for name, seed in items}

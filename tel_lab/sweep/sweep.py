@@ -16,7 +16,8 @@ from tel_lab.sweep.point import FAILED, MEASURES, failure, run_point
 from tel_lab.tables import Column, Table
 from tel_lab.workers import Failure, Workforce
 from tel_ros import __version__
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError, TelError
+from tel_ros.recording.config_file import read_yaml
 from tel_ros.recording.run_folder import write_atomically
 
 Row = dict[str, Any]
@@ -77,6 +78,14 @@ class SweepFolder:
         return [csv_file, parquet_file]
 
 
+def _points_of(folder: Path) -> str:
+    """Return what tells the sweep in a folder from others; empty if there is none."""
+    try:
+        return str(read_yaml(folder / "sweep.yaml").get("points"))
+    except TelError:
+        return ""
+
+
 class Sweep:
     """The points of a plan, and what is known of them.
 
@@ -84,7 +93,7 @@ class Sweep:
     so that the same command finds it again.
 
     Raises:
-        InputFileError: a file is missing or unreadable, or the folder cannot be used.
+        InputFileError: a file is missing or unreadable, or the folder cannot be used or holds something else.
         ConfigError: a key is unknown, or a value fits no point.
     """
 
@@ -93,9 +102,13 @@ class Sweep:
         for point in self.points:
             if point.config is not None and point.config.run.arm != "sim":
                 raise ConfigError("run.arm", point.config.run.arm, "'sim': a sweep is of simulated arms")
-        name = f"sweep-{config_file.stem}-{hash_of([point.key for point in self.points])[:8]}"
-        self.folder = SweepFolder(out or Path("bags") / name)
-        asked = {"tel_ros": __version__, "config": config_file.name, **plan.plain()}
+        points = hash_of([point.key for point in self.points])
+        folder = out or Path("bags") / f"sweep-{config_file.stem}-{points[:8]}"
+        if folder.is_dir() and any(folder.iterdir()) and _points_of(folder) != points:
+            found = "holds another sweep" if (folder / "sweep.yaml").is_file() else "is not empty"
+            raise InputFileError(folder, found, "a new folder, or that of the same sweep (option --out)")
+        self.folder = SweepFolder(folder)
+        asked = {"tel_ros": __version__, "config": config_file.name, **plan.plain(), "points": points}
         text = yaml.safe_dump(asked, sort_keys=False, allow_unicode=True)
         write_atomically(self.folder.path / "sweep.yaml", text)
 

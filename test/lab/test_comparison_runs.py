@@ -116,6 +116,9 @@ def test_a_run_that_breaks_down_ends_the_command_with_code_1_and_one_line() -> N
         (["--jobs", "0"], "--jobs is 0; expected"),
         (["--trials", "0"], "practice.trials is 0; expected"),
         (["--set", "sim.payload=1"], "sim.payload"),
+        (["--set", "path.file=nowhere.csv"], "nowhere.csv"),
+        (["--set", "arm.urdf=nowhere.urdf"], "nowhere.urdf"),
+        (["--out", "/proc/nowhere"], "/proc/nowhere: cannot be written to"),
     ],
 )
 def test_wrong_input_ends_with_code_2_and_one_line(options: list[str], said: str) -> None:
@@ -143,4 +146,4 @@ def test_the_only_method_that_is_told_the_model_is_the_exact_one() -> None:
     assert [spec.name for spec in METHODS.values() if spec.given == "model"] == ["exact_model"]
     kinematics = [spec for spec in METHODS.values() if spec.given == "kinematics"]
     assert all("rigid_body" in spec.name for spec in kinematics)
-    assert all(spec in kinematics for spec in METHODS.values() if "rigid_body" in " ".join(spec.settings))
+    assert all(spec in kinematics for spec in METHODS.values() if "rigid_body" in str(spec.settings))

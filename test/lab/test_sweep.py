@@ -165,6 +165,19 @@ def test_a_plan_with_a_map_gives_a_figure_beside_the_table(tmp_path: Path) -> No
     assert {str(out / name) for name in ("table.csv", "map.png", "map.svg")} <= {*result.stdout.split()}
 
 
+def test_a_folder_of_another_sweep_or_of_anything_else_is_refused_and_left_alone(tmp_path: Path) -> None:
+    other, full = tmp_path / "other", tmp_path / "full"
+    for folder in (other, full):
+        folder.mkdir()
+        (folder / "table.csv").write_text("kept")
+    (other / "sweep.yaml").write_text("points: 0123456789abcdef\n")
+    for folder, found in ((other, "holds another sweep"), (full, "is not empty")):
+        result = run("--grid", "sim.inertia_scale=1", *ONE_PROCESS, "--out", str(folder))
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert result.stderr.startswith(f"tel: {folder}: {found}; expected a new folder")
+        assert (folder / "table.csv").read_text() == "kept"
+
+
 def test_a_run_that_breaks_off_keeps_what_its_trials_gave(monkeypatch: pytest.MonkeyPatch) -> None:
     from tel_lab.offline import OfflinePractice
     from tel_ros.core.errors import TrainingError
