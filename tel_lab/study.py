@@ -83,38 +83,24 @@ class StudyOptions:
             raise click.UsageError(f"--only is {unknown[0]!r}; expected some of: {', '.join(names)}")
         return [name for name in names if not self.only or name in self.only]
 
-    def run(
-        self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]
-    ) -> Iterator[tuple[K, R | Failure]]:
-        """Call a function with the arguments of each task, ``jobs`` at a time; yield results in their order.
-
-        Progress goes to stderr. An error that is not one of this project ends the study.
-
-        Raises:
-            TaskFailedError: a task raised what is no error of this project.
-        """
-        done: dict[K, R | Failure] = {}
-        waiting = list(tasks)
-        with closing(Workforce(self.jobs).run(function, tasks)) as results:
-            for key, result in results:
-                done[key] = result
-                if not isinstance(result, Failure):
-                    print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
-                elif not result.expected:
-                    raise TaskFailedError(f"{key}: {result.message}")
-                while waiting and waiting[0] in done:
-                    yield waiting[0], done[waiting.pop(0)]
-
     def results(self, function: Callable[..., R], tasks: Mapping[K, tuple[Any, ...]]) -> Iterator[R]:
-        """Yield the results of all tasks in their order.
+        """Call a function with each task's arguments, ``jobs`` at a time; yield results in their order.
+
+        Progress goes to stderr.
 
         Raises:
             TaskFailedError: a task raised.
         """
-        for key, result in self.run(function, tasks):
-            if isinstance(result, Failure):
-                raise TaskFailedError(f"{key}: {result.message}")
-            yield result
+        done: dict[K, R] = {}
+        waiting = list(tasks)
+        with closing(Workforce(self.jobs).run(function, tasks)) as results:
+            for key, result in results:
+                if isinstance(result, Failure):
+                    raise TaskFailedError(f"{key}: {result.message}")
+                done[key] = result
+                print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
+                while waiting and waiting[0] in done:
+                    yield done[waiting.pop(0)]
 
     def write(
         self,

@@ -36,10 +36,9 @@ class TaskFailedError(TelError):
 
 @dataclass(frozen=True)
 class Failure:
-    """What a task that raised gives. ``expected``: an error of this project, whose type needs no telling."""
+    """What a task that raised gives."""
 
     message: str
-    expected: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def _call(function: Callable[..., R], arguments: tuple[Any, ...]) -> R | Failure
     except ModuleNotFoundError:  # no task can do without it
         raise
     except TelError as error:  # as text: errors with arguments of their own cannot be pickled
-        return Failure(str(error), expected=True)
+        return Failure(str(error))
     except Exception as error:  # a fault in one task must not cost the others
         return Failure(f"{type(error).__name__}: {error}")
 

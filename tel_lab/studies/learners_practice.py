@@ -7,7 +7,7 @@ import click
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import of_texts
 from tel_lab.trial_record import ArmChange, practise
-from tel_lab.workers import Failure
+from tel_ros.core.errors import TelError
 from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.trial import Outcome, Trial
@@ -41,11 +41,16 @@ ARMS: dict[str, tuple[tuple[str, ...], ArmChange | None]] = {
 
 
 def rms_of_trials(overrides: tuple[str, ...], arm: str, learner: str) -> list[str]:
-    """Practise; return the RMS error in mrad of each trial, or "abort"."""
+    """Practise; return the RMS error in mrad of each trial, "abort" or "failed", and dashes at the end."""
     arm_overrides, change = ARMS[arm]
     config = load_config(CONFIG, [*overrides, *arm_overrides, *LEARNERS.get(learner, ())])
-    trials, _ = practise(config, change, exact=learner == EXACT)
-    return [cell(practised) for practised in trials]
+    n_trials = len(make_strategy(config).preview())
+    try:
+        cells = [cell(practised) for practised in practise(config, change, exact=learner == EXACT)[0]]
+    except TelError as error:
+        click.echo(f"{arm}, {learner}: {error}", err=True)
+        cells = ["failed"] * n_trials
+    return [arm, learner, *cells, *["–"] * (n_trials - len(cells))]
 
 
 def cell(practised: PractisedTrial[Trial]) -> str:
@@ -68,12 +73,7 @@ def learners_practice(options: StudyOptions) -> None:
     arms = list(ARMS)[: 1 if options.quick else None]
     tasks = {f"{arm}, {learner}": (protocol, arm, learner) for arm in arms for learner in learners}
     rows = [["", "duration [s]", *(f"{trial.duration_s:.1f}" for trial in preview)]]
-    for name, found in options.run(rms_of_trials, tasks):
-        _, arm, learner = tasks[name]
-        if isinstance(found, Failure):
-            click.echo(f"{name}: {found.message}", err=True)
-            found = ["failed"] * len(preview)
-        rows.append([arm, learner, *found, *["–"] * (len(preview) - len(found))])
+    rows += options.results(rms_of_trials, tasks)
     headings = ["arm", "trial", *(str(k) for k in range(1, len(preview) + 1))]
     table = of_texts(headings, rows, 2).markdown()
     click.echo(table)

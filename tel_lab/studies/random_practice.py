@@ -238,27 +238,14 @@ def _spread(values: Sequence[float], form: str = "{:.2f}") -> str:
     return f"{middle} ({low} to {high}; {largest})"
 
 
-def line(result: Result) -> str:
-    return (
-        f"{result.seed:4d}  {result.outcome:9s}  inertia x{result.sim.inertia_scale:.2f}  "
-        f"goal {result.goal_s:5.2f} s  {100 * result.effort_share:3.0f} % effort  "
-        f"{len(result.trials):2d} trials  {result.aborts} aborts  "
-        f"final {result.final_rms_mrad:6.2f} mrad (exact model {1e3 * result.exact_rms_rad:5.2f})  "
-        f"largest {result.excursion_rad:.3f} rad  {result.wall_s:4.1f} s  {result.message}"
-    )
-
-
-def details(result: Result) -> str:
-
-    def text(trial: TrialRecord) -> str:
-        plan, report = trial.plan, trial.report
-        return (
-            f"      {plan.index:2d}  {report.duration_s:6.3f} s  {trial.rms_mrad:7.2f} mrad  "
-            f"max {trial.excursion_rad:.3f} rad  saturated {report.saturated_ratio:.3f}  "
-            f"{plan.reason}  {report.message}"
-        )
-
-    return "\n".join(map(text, result.trials))
+TRIALS: list[Column[TrialRecord]] = [
+    Column("trial", lambda t: t.plan.index),
+    Column("duration [s]", lambda t: t.report.duration_s, ".3f"),
+    Column("RMS [mrad]", lambda t: t.rms_mrad, ".2f"),
+    Column("largest deviation [rad]", lambda t: t.excursion_rad, ".3f"),
+    Column("clipped", lambda t: t.report.saturated_ratio, ".3f"),
+    Column("why, and what happened", lambda t: f"{t.plan.reason}  {t.report.message}", left=True),
+]
 
 
 @study(seeds=200)
@@ -275,9 +262,9 @@ def random_practice(options: StudyOptions) -> None:
     tasks = {f"seed {seed}": (config, seed) for seed in seeds}
     for result in options.results(practise, tasks):
         results.append(result)
-        click.echo(line(result))
+        click.echo("  ".join(f"{column.heading} {column.text(result)}" for column in MISSED))
         if options.only or result.outcome != "completed" or result.aborts:
-            click.echo(details(result))
+            click.echo(Table(TRIALS, result.trials).markdown())
         if len(results) % 20 == 0 or len(results) == len(tasks):
             drawn = {"random_practice": partial(figure, list(results), config)}
             options.write("random_practice.md", drawn, **summary(results, config))

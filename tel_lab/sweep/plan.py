@@ -40,8 +40,8 @@ class MapPlan:
 
 
 @dataclass(frozen=True)
-class SweepFile:
-    """What the YAML file of a sweep may hold.
+class SweepPlan:
+    """What to go through, as the YAML file of a sweep says it.
 
     Args:
         set: dotted keys and values for all points.
@@ -49,6 +49,11 @@ class SweepFile:
         grid: dotted keys and the values to go through.
         seeds: how many seeds for each point.
         map: figure to draw at the end.
+        overrides: ``key=value`` for all points, from the command line.
+
+    Raises:
+        ConfigError: a grid is empty or names a value twice, a key is given twice, there are no seeds, or the
+            map is of keys that are not in the grid.
     """
 
     set: dict[str, Any] = field(default_factory=dict)
@@ -56,17 +61,6 @@ class SweepFile:
     grid: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     seeds: int = 1
     map: MapPlan | None = None
-
-
-@dataclass(frozen=True)
-class SweepPlan(SweepFile):
-    """What to go through: a file with what the command line changes, and its ``key=value`` for all points.
-
-    Raises:
-        ConfigError: a grid is empty or names a value twice, a key is given twice, there are no seeds, or the
-            map is of keys that are not in the grid.
-    """
-
     overrides: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -113,16 +107,6 @@ class SweepPoint:
     key: str
 
 
-def read_sweep_file(path: Path) -> SweepFile:
-    """Read the YAML file of a sweep.
-
-    Raises:
-        InputFileError: it is missing or unreadable.
-        ConfigError: a key is unknown, or a value has the wrong type.
-    """
-    return read_record(SweepFile, read_yaml(path), lambda key: str(path))
-
-
 def parse_grid(text: str) -> tuple[str, tuple[Any, ...]]:
     """Return key and values of an option such as ``sim.inertia_scale=0.5,1,2``; ConfigError if it is none."""
     key, equals, values = text.partition("=")
@@ -136,20 +120,24 @@ def parse_grid(text: str) -> tuple[str, tuple[Any, ...]]:
 
 
 def make_plan(
-    file: SweepFile, overrides: Sequence[str] = (), grid: Sequence[str] = (), seeds: int | None = None
+    file: Path | None, overrides: Sequence[str] = (), grid: Sequence[str] = (), seeds: int | None = None
 ) -> SweepPlan:
-    """Return the plan of a file with what the command line changes: options take the place of the file's.
+    """Return the plan of a YAML file (None: an empty one); options take the place of what it says.
 
     Raises:
-        ConfigError: an option is malformed, or the plan makes no sense.
+        InputFileError: the file is missing or unreadable.
+        ConfigError: a key is unknown, a value or an option is malformed, or the plan makes no sense.
     """
-    named: dict[str, tuple[Any, ...]] = {}
-    for key, values in map(parse_grid, grid):
+    values, named = read_yaml(file) if file else {}, dict[str, list[Any]]()
+    for key, of_key in map(parse_grid, grid):
         if key in named:
-            raise ConfigError(key, list(values), "each key in one grid", "--grid")
-        named[key] = values
-    grids, n_seeds = {**file.grid, **named}, file.seeds if seeds is None else seeds
-    return SweepPlan(file.set, file.cases, grids, n_seeds, file.map, tuple(overrides))
+            raise ConfigError(key, list(of_key), "each key in one grid", "--grid")
+        named[key] = list(of_key)
+    if isinstance(values.get("grid", {}), dict):
+        values["grid"] = {**values.get("grid", {}), **named}
+    values |= {} if seeds is None else {"seeds": seeds}
+    plan = read_record(SweepPlan, values, lambda key: str(file) if file else None)
+    return replace(plan, overrides=(*plan.overrides, *overrides))
 
 
 def lay_out(config_file: Path, plan: SweepPlan) -> list[SweepPoint]:

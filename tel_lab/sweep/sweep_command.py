@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tel_lab.study import ending_in_one_line
-from tel_lab.sweep.plan import SweepFile, SweepPlan, make_plan, read_sweep_file
+from tel_lab.sweep.plan import SweepPlan, make_plan
 from tel_lab.tables import write_figure
 from tel_lab.workers import Executor, WorkersBrokenError, Workforce
 from tel_ros.app.config_argument import config_argument
@@ -78,8 +78,7 @@ def sweep(
     down, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
     with ending_in_one_line():
-        file = read_sweep_file(plan_file) if plan_file else SweepFile()
-        plan = make_plan(file, overrides, grid, seeds)
+        plan = make_plan(plan_file, overrides, grid, seeds)
         _sweep(config_file, plan, out, Workforce(jobs, executor, address), as_json)
 
 

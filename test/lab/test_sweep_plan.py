@@ -15,7 +15,6 @@ from tel_lab.sweep.plan import (
     lay_out,
     make_plan,
     parse_grid,
-    read_sweep_file,
 )
 from tel_ros.core.config import file_keys
 from tel_ros.core.errors import ConfigError
@@ -80,7 +79,7 @@ def test_a_grid_that_is_none_is_refused(text: str) -> None:
     ],
 )
 def test_a_key_or_value_that_fits_nowhere_is_named(grid: str, parts: list[str]) -> None:
-    plan = make_plan(read_sweep_file(ROOT / "config" / "sweeps" / "inertia_speed.yaml"), grid=[grid])
+    plan = make_plan(ROOT / "config" / "sweeps" / "inertia_speed.yaml", grid=[grid])
     with pytest.raises(ConfigError) as caught:
         lay_out(PAPER, plan)
     for part in parts:
@@ -121,10 +120,10 @@ def test_a_plan_that_makes_no_sense_is_refused(wrong: dict, message: str) -> Non
 
 
 def test_a_grid_on_the_command_line_takes_the_place_of_the_files() -> None:
-    file = read_sweep_file(ROOT / "config" / "sweeps" / "inertia_speed.yaml")
+    file = ROOT / "config" / "sweeps" / "inertia_speed.yaml"
     plan = make_plan(file, ["practice.trials=3"], ["sim.inertia_scale=7"], seeds=4)
     assert plan.grid["sim.inertia_scale"] == (7,)
-    assert plan.grid["practice.goal_duration_s"] == tuple(file.grid["practice.goal_duration_s"])
+    assert plan.grid["practice.goal_duration_s"] == make_plan(file).grid["practice.goal_duration_s"]
     assert plan.overrides[-1] == "practice.trials=3"
     assert plan.seeds == 4
 
@@ -133,7 +132,7 @@ def test_an_unknown_key_in_the_file_of_a_sweep_is_named(tmp_path: Path) -> None:
     file = tmp_path / "sweep.yaml"
     file.write_text("grids: {sim.inertia_scale: [1]}\n")
     with pytest.raises(ConfigError, match=r"sweep\.yaml: grids is .*; expected a known key: set, cases"):
-        read_sweep_file(file)
+        make_plan(file)
 
 
 def test_the_hash_follows_what_files_hold_and_not_where_they_lie(tmp_path: Path) -> None:
