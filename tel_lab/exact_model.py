@@ -40,8 +40,7 @@ class ExactInverseDynamics:
         """Return u - q in rad for (q, q̇, q̈) of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         q, v, a = np.split(inputs, 3, axis=1)
         torque_nm = self._rigid_body_torque_nm(q, v, a) + self._viscous * v + self._coulomb * np.sign(v)
-        offset: FloatArray = (torque_nm + self._damping * v) / self._stiffness
-        return offset
+        return (torque_nm + self._damping * v) / self._stiffness
 
     def std(self, inputs: FloatArray) -> FloatArray:
         return np.zeros((len(inputs), inputs.shape[1] // 3))

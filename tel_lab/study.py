@@ -181,8 +181,7 @@ def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]
         made: Any = command
         for add in reversed(decorators):
             made = add(made)
-        finished: click.Command = made
-        return finished
+        return made
 
     return decorate
 

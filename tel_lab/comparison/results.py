@@ -105,8 +105,7 @@ class MeritColumn:
         return self.key.endswith("_rad")
 
     def value(self, run: MethodRun) -> float:
-        value: float = getattr(run, self.key)
-        return value
+        return getattr(run, self.key)
 
 
 COLUMNS = (

@@ -65,8 +65,7 @@ def with_velocity_reference(desired: DesiredTrajectory, damping_s: FloatArray) -
 
     Whoever chose K and B knows it without any model of the arm. ``damping_s``: K⁻¹ B. Shape (n_joints,).
     """
-    reference: FloatArray = desired.position_rad + damping_s * desired.velocity_rad_s
-    return reference
+    return desired.position_rad + damping_s * desired.velocity_rad_s
 
 
 class FeedbackErrorLearning:

@@ -113,8 +113,7 @@ class SklearnModel:
         scaled = (inputs - self._inputs[0]) / self._inputs[1]
         columns = [estimator.predict(scaled) for estimator in self._estimators]
         outputs = columns[0] if len(columns) == 1 else np.column_stack(columns)
-        torque_nm: FloatArray = outputs * self._torques[1] + self._torques[0]
-        return torque_nm
+        return outputs * self._torques[1] + self._torques[0]
 
     def size_mb(self) -> float:
         return len(pickle.dumps(self._estimators)) / 1e6

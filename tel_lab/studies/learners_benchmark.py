@@ -36,8 +36,7 @@ QUICK = Effort(gp_samples=300, gp_tuning_samples=150, gp_iterations=15, mlp_step
 def nmse(model: Model, trials: Sequence[Trial]) -> FloatArray:
     """Return MSE / variance of the torque of each joint. Shape (n_joints,)."""
     inputs, torque_nm = stacked(trials)
-    shares: FloatArray = np.mean((model.predict(inputs) - torque_nm) ** 2, axis=0) / np.var(torque_nm, axis=0)
-    return shares
+    return np.mean((model.predict(inputs) - torque_nm) ** 2, axis=0) / np.var(torque_nm, axis=0)
 
 
 def seconds_per_call(call: Callable[[], object]) -> float:

@@ -62,8 +62,7 @@ def inverses(matrices: FloatArray) -> FloatArray:
     singular_values = np.linalg.svd(matrices, compute_uv=False)
     if np.any(singular_values[:, -1] <= _SINGULAR * singular_values[:, 0]):
         return np.full_like(matrices, np.nan)
-    inverse: FloatArray = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
-    return inverse
+    return np.asarray(np.linalg.inv(matrices), dtype=np.float64)
 
 
 _FORGETTING = 0.5
@@ -110,8 +109,7 @@ class FittedPlant:
         """Return u - q [rad] for (q, q̇, q̈) of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         ridge = _RIDGE * np.trace(self.normal) / len(self.normal) * np.eye(len(self.normal))
         weights = np.linalg.solve(self.normal + ridge, self.moment)
-        offset: FloatArray = self._inputs(inputs) @ weights
-        return offset
+        return self._inputs(inputs) @ weights
 
     def _inputs(self, inputs: FloatArray) -> FloatArray:
         low, high = self.input_range.low, self.input_range.high

@@ -81,20 +81,18 @@ class Springs:
         self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
         """Return the effort in N·m."""
-        wanted: FloatArray = (
+        return (
             self.stiffness_nm_per_rad * (equilibrium_rad - position_rad)
             - self.damping_nms_per_rad * velocity_rad_s
         )
-        return wanted
 
     def equilibrium(
         self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
         """Return the equilibrium points in rad for an effort."""
-        wanted: FloatArray = (
+        return (
             position_rad + (effort_nm + self.damping_nms_per_rad * velocity_rad_s) / self.stiffness_nm_per_rad
         )
-        return wanted
 
     def equilibrium_for(
         self,

@@ -74,8 +74,7 @@ class Calibration:
         """Return standard deviations [rad] for leverages of shape (n, n_joints)."""
         if not self.is_known:
             return np.full(leverage.shape, np.inf)
-        result: FloatArray = np.sqrt(self.residual_rad2 + self.scale_rad2 * leverage)
-        return result
+        return np.sqrt(self.residual_rad2 + self.scale_rad2 * leverage)
 
     def tested(self, error_rad: FloatArray, leverage: FloatArray, trust: FloatArray | None = None) -> Self:
         """Return it after a test: errors at samples that had not been learned from.

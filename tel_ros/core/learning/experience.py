@@ -116,8 +116,7 @@ def counted(error_rad: FloatArray, trust: FloatArray) -> FloatArray:
 
     All of shape (n, n_joints).
     """
-    result: FloatArray = error_rad * np.sqrt(trust / np.mean(trust, axis=0))
-    return result
+    return error_rad * np.sqrt(trust / np.mean(trust, axis=0))
 
 
 def stuck_trust(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: FloatArray) -> FloatArray:
@@ -148,8 +147,7 @@ def alternate_slices(n: int) -> BoolArray:
 
     Slices, because a sample between two others that have been learned from is no test.
     """
-    slices: BoolArray = (np.arange(n) * min(_SLICES, n) // max(n, 1)) % 2 == 0
-    return slices
+    return (np.arange(n) * min(_SLICES, n) // max(n, 1)) % 2 == 0
 
 
 def better_strength(now: float, error_with: Callable[[float], float]) -> tuple[float, float]:

@@ -65,8 +65,7 @@ class InputRange:
     @cached_property
     def width(self) -> FloatArray:
         """``high`` minus ``low``. Shape (n_inputs,)."""
-        width: FloatArray = self.high - self.low
-        return width
+        return self.high - self.low
 
     def scale(self, inputs: FloatArray) -> FloatArray:
         """Map inputs of shape (n, n_inputs) to 0 … 1."""
@@ -74,5 +73,4 @@ class InputRange:
         from tel_ros.core.learning import tree_kernels
 
         # Compiled, because a single sample costs NumPy several times as much.
-        scaled: FloatArray = tree_kernels.scale(inputs, self.low, self.width)
-        return scaled
+        return tree_kernels.scale(inputs, self.low, self.width)

@@ -95,8 +95,7 @@ class NormalEquations:
         # as firmly as a parameter can be.
         values = np.where(values < -1e-9, 1.0, np.maximum(values, 0.0))
         regular = (vectors * (values + strength * _RIDGE * len(values))) @ vectors.T
-        result: FloatArray = regular * np.outer(scale, scale)
-        return result
+        return regular * np.outer(scale, scale)
 
 
 @dataclass(frozen=True)
@@ -131,8 +130,7 @@ def second_difference_prior(n_gaussians: int) -> FloatArray:
     if n_gaussians < 3:
         return np.eye(n_gaussians)
     difference = np.diff(np.eye(n_gaussians), 2, axis=0)
-    result: FloatArray = difference.T @ difference + SIZE_TO_SMOOTHNESS * np.eye(n_gaussians)
-    return result
+    return difference.T @ difference + SIZE_TO_SMOOTHNESS * np.eye(n_gaussians)
 
 
 class TreeRegression:
@@ -215,8 +213,7 @@ class TreeRegression:
             self._factor = self._factorised()
         psi = self.tree.features(inputs)
         half = solve_triangular(self._factor, psi.T, lower=True, check_finite=False)
-        result: FloatArray = np.einsum("ij,ij->j", half, half)
-        return result
+        return np.einsum("ij,ij->j", half, half)
 
     def _factorised(self) -> FloatArray:
         """Return the Cholesky factor of the gram with the prior added."""
@@ -226,8 +223,7 @@ class TreeRegression:
             regular = gram.copy()
             for start in range(0, len(regular), n):
                 regular[start : start + n, start : start + n] += self.strength * block
-            factor: FloatArray = cholesky(regular, lower=True, overwrite_a=True, check_finite=False)
-            return factor
+            return cholesky(regular, lower=True, overwrite_a=True, check_finite=False)
 
         try:
             return factor_of(self.gram)

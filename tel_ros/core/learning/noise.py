@@ -41,8 +41,7 @@ def low_pass(values: FloatArray, cutoff_hz: float, period_s: float) -> FloatArra
     if not filters(cutoff_hz, period_s):
         return values
     sos = scipy.signal.butter(4, cutoff_hz, fs=1.0 / period_s, output="sos")
-    filtered: FloatArray = scipy.signal.sosfiltfilt(sos, values, axis=0)
-    return filtered
+    return scipy.signal.sosfiltfilt(sos, values, axis=0)
 
 
 def filters(cutoff_hz: float, period_s: float) -> bool:
@@ -68,8 +67,7 @@ def sensor_noise(values: FloatArray, period_s: float) -> FloatArray:
     stands still on one step seems free of noise. ``values`` are as for :func:`choose_cutoff_hz`.
     """
     _, _, floor = _spectrum(values, period_s)
-    sigma: FloatArray = np.sqrt(floor * 0.5 / period_s)
-    return sigma
+    return np.sqrt(floor * 0.5 / period_s)
 
 
 def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
@@ -136,8 +134,7 @@ def slides_throughout(velocity_rad_s: FloatArray, noise_rad_s: FloatArray, reach
     size = 2 * reach + 1
     forwards = scipy.ndimage.minimum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") > moves
     backwards = scipy.ndimage.maximum_filter1d(velocity_rad_s, size, axis=0, mode="nearest") < -moves
-    result: BoolArray = forwards | backwards
-    return result
+    return forwards | backwards
 
 
 def _spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:

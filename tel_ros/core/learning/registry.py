@@ -83,5 +83,4 @@ def learner_kind(name: str) -> LearnerKind:
     def made(found: Any) -> Any:
         return found() if isinstance(found, type) else found
 
-    kind: LearnerKind = plugin("learning.name", name, GROUP, OURS, ("new", "restored"), made)
-    return kind
+    return plugin("learning.name", name, GROUP, OURS, ("new", "restored"), made)

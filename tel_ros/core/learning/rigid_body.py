@@ -227,8 +227,7 @@ class RigidBodyLearner(CalibratedLearner):
 
     def _rows(self, inputs: FloatArray) -> FloatArray:
         """Return Y in units of the output, rad. Shape (n, n_joints, n_parameters)."""
-        rows: FloatArray = self._regressor(inputs) / self._stiffness[:, None]
-        return rows
+        return self._regressor(inputs) / self._stiffness[:, None]
 
     def _wanted(self, data: SampleMemory) -> FloatArray:
         """Return what Y π ought to be, in units of the output, rad. Shape (n, n_joints)."""
@@ -268,8 +267,7 @@ class RigidBodyLearner(CalibratedLearner):
 
         def residual(equations: NormalEquations) -> FloatArray:
             error = counted(wanted - rows @ equations.solution(self._strength), new.trust)
-            result: FloatArray = np.sqrt(np.mean(error**2, axis=0))
-            return result
+            return np.sqrt(np.mean(error**2, axis=0))
 
         return residual(old + added), residual(added)
 

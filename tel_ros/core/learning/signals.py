@@ -211,5 +211,4 @@ def _acting_equilibrium(trial: TrialSignals) -> FloatArray:
         if clipped.any() and not clipped.all():
             ticks = np.arange(len(clipped))
             column[clipped] = np.interp(ticks[clipped], ticks[~clipped], column[~clipped])
-    equilibrium: FloatArray = np.where(trial.saturated, trial.position_rad + offset, trial.equilibrium_rad)
-    return equilibrium
+    return np.where(trial.saturated, trial.position_rad + offset, trial.equilibrium_rad)

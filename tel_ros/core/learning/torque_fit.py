@@ -97,10 +97,7 @@ class HeldOutError:
     def std_factor(self) -> FloatArray:
         """How many times larger errors were than expected; 1 where that is not known. Shape (n_joints,)."""
         known = np.isfinite(self.expected_rms_nm) & (self.expected_rms_nm > 0.0) & (self.rms_nm > 0.0)
-        factor: FloatArray = np.divide(
-            self.rms_nm, self.expected_rms_nm, out=np.ones(len(known)), where=known
-        )
-        return factor
+        return np.divide(self.rms_nm, self.expected_rms_nm, out=np.ones(len(known)), where=known)
 
 
 @dataclass(frozen=True)

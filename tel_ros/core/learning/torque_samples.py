@@ -130,8 +130,7 @@ def motion_noise(cutoff_hz: float, period_s: float) -> FloatArray:
     """Return what white noise of unit standard deviation on positions becomes in q, q̇, q̈. Shape (3,)."""
     position = filtered_impulse(cutoff_hz, period_s)
     time_s: FloatArray = period_s * np.arange(len(position), dtype=np.float64)
-    noise: FloatArray = np.sqrt(np.sum(motion(time_s, position) ** 2, axis=0))
-    return noise
+    return np.sqrt(np.sum(motion(time_s, position) ** 2, axis=0))
 
 
 def recorded_range(samples: Iterable[TorqueSamples]) -> InputRange:

@@ -110,8 +110,7 @@ class EffortLimit:
 
     def needed_nm(self, duration_s: float) -> FloatArray:
         """Return the largest effort that each joint needs. Shape (n_joints,); zeros if nothing is known."""
-        needed: FloatArray = np.abs(self._static_nm + self._dynamic_nms2 / duration_s**2).max(axis=0)
-        return needed
+        return np.abs(self._static_nm + self._dynamic_nms2 / duration_s**2).max(axis=0)
 
     def fastest_s(self, goal_s: float, known_s: float) -> float:
         """Return the shortest duration from ``goal_s`` to ``known_s`` that the limits allow."""

@@ -202,7 +202,6 @@ def make_strategy(config: Config) -> Strategy:
             do what is configured.
     """
     methods = ("preview", "next", "movements_to_cover", "fastest_movements")
-    strategy: Strategy = plugin(
+    return plugin(
         "practice.strategy", config.practice.strategy, GROUP, OURS, methods, lambda make: make(config)
     )
-    return strategy
