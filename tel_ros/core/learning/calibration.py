@@ -35,13 +35,13 @@ class Calibration:
     is measured: each new trial is predicted before it is learned from, and s² is the ratio of its squared
     errors to its leverage. σ² is what remains after fitting.
 
-    Args:
-        residual_rad2: σ². Shape (n_joints,).
-        scale_rad2: s². Shape (n_joints,).
+    Shapes (n_joints,).
     """
 
     residual_rad2: FloatArray
+    """σ²."""
     scale_rad2: FloatArray
+    """s²."""
 
     @classmethod
     def unknown(cls, n_joints: int) -> Self:
@@ -97,7 +97,6 @@ class Calibration:
 
 
 def _mean(values: FloatArray, trust: FloatArray | None) -> FloatArray:
-    """Return the weighted mean of each column. Shape (n_joints,)."""
     return np.asarray(np.average(values, axis=0, weights=trust), dtype=np.float64)
 
 
@@ -107,6 +106,10 @@ class CalibratedLearner(ABC):
     def __init__(self, context: LearnerContext) -> None:
         self.context, self.trials_learned = context, 0
         self.calibration = Calibration.unknown(len(context.joints))
+
+    def _take_up(self, stored: StoredLearner) -> None:
+        self.trials_learned = int(stored.header["trials_learned"])
+        self.calibration = Calibration.restored(stored.arrays, len(self.context.joints))
 
     @abstractmethod
     def stored(self) -> StoredLearner:

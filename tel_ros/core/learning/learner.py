@@ -31,12 +31,9 @@ class LearnerContext:
     """What a learner is told about the arm that it learns.
 
     Args:
-        joints: names, in the order of all arrays.
-        stiffness_nm_per_rad: K of the EP control law. Shape (n_joints,).
-        damping_nms_per_rad: B of the EP control law. Shape (n_joints,).
-        input_range: ranges of the 3 * n_joints inputs that the goal movement covers.
-        learning: size and method.
-        seed: of everything random.
+        joints: in the order of all arrays.
+        stiffness_nm_per_rad: K of the EP control law, as B one a joint.
+        input_range: of the 3 * n_joints inputs: what the goal movement covers.
         urdf: text of the URDF; its kinematics can be trusted, its inertias need not be right. May be empty.
         predicts: ``equilibrium``: K and B are the springs of practice. ``torque``: there are no springs; the
             output is a torque in units of K, and B is 0.

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
+from tel_ros.core.learning.calibration import CalibratedLearner
 from tel_ros.core.learning.experience import (
     CHANGED,
     CLEARLY,
@@ -51,9 +51,8 @@ class LeastSquaresLearner(CalibratedLearner):
     ) -> Self:
         """Return a learner from its description."""
         learner = cls(context, base)
-        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._take_up(stored)
         learner._memory = SampleMemory.restored(stored.arrays, len(context.joints))
-        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         strengths = stored.header["prior_strengths"]
         if not all(0.0 < strength < np.inf for strength in strengths):
             raise ValueError(f"prior_strengths is {strengths}; expected finite numbers above 0")
@@ -142,7 +141,6 @@ class LeastSquaresLearner(CalibratedLearner):
         return np.where(sliding, 1.0, self.base.stuck_trust)
 
     def _tree_data(self, memory: SampleMemory) -> TreeData:
-        """Return samples in the units of the trees."""
         range_ = self.context.input_range
         return TreeData(range_.scale(memory.inputs), memory.noise / range_.width, memory.weight)
 
@@ -205,7 +203,6 @@ class LeastSquaresLearner(CalibratedLearner):
         return notes
 
     def _fit(self, old: SampleMemory, new: SampleMemory) -> None:
-        """Solve for the weights with all samples."""
         (new_data, new_y), (old_data, old_y) = self._data(new), self._data(old)
         for j, joint in enumerate(self._joints):
             joint.gram = joint.gram + joint.gram_of(new_data)

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from tel_ros.core.errors import TrainingError
-from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
+from tel_ros.core.learning.calibration import CalibratedLearner
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.lms_tree import LmsTree, growth_text, new_trees, restore_trees, tree_arrays
 from tel_ros.core.learning.signals import TrainingSamples
@@ -28,12 +28,11 @@ class LmsLearner(CalibratedLearner):
     def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
         """Return a learner from its description."""
         learner = cls(context)
-        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._take_up(stored)
         learner._trees = restore_trees(context, stored.arrays)
         learner._seen = [stored.arrays[f"seen_{j}"] for j in range(len(context.joints))]
         if any(s.shape != t.weights.shape for s, t in zip(learner._seen, learner._trees, strict=True)):
             raise ValueError("seen_… does not have the shape of the weights")
-        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         return learner
 
     def stored(self) -> StoredLearner:

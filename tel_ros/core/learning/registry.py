@@ -20,10 +20,13 @@ GROUP = "tel_ros.learners"
 
 @dataclass(frozen=True)
 class OurKind:
-    """A :class:`~.learner.LearnerKind` of ours; ``restored`` checks what it is given before ``restore``."""
+    """A :class:`~.learner.LearnerKind` of ours: ``make`` also returns the learner that is described."""
 
-    new: Callable[[LearnerContext], Learner]
-    restore: Callable[[LearnerContext, StoredLearner], Learner]
+    make: Callable[[LearnerContext, StoredLearner | None], Learner]
+
+    def new(self, context: LearnerContext) -> Learner:
+        """See :meth:`.learner.LearnerKind.new`."""
+        return self.make(context, None)
 
     def restored(self, context: LearnerContext, stored: StoredLearner) -> Learner:
         """See :meth:`.learner.LearnerKind.restored`."""
@@ -33,42 +36,37 @@ class OurKind:
         if not int(stored.header.get("trials_learned", -1)) >= 0:
             raise ValueError(f"trials_learned is {stored.header.get('trials_learned')}; expected at least 0")
         try:
-            return self.restore(context, stored)
+            return self.make(context, stored)
         except (KeyError, TypeError) as error:
             raise ValueError(f"the description of the learner does not fit together ({error!r})") from error
 
 
-def _solved(context: LearnerContext) -> LearnerContext:
-    """Return the context for trees whose weights are solved for: sample by sample is too slow for a rest."""
-    return replace(context, learning=replace(context.learning, weights="least_squares"))
-
-
-def _new_trees(context: LearnerContext) -> Learner:
-    return (LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner)(context)
-
-
-def _restored_trees(context: LearnerContext, stored: StoredLearner) -> Learner:
+def _trees(context: LearnerContext, stored: StoredLearner | None) -> Learner:
     kind = LmsLearner if context.learning.weights == "lms" else LeastSquaresLearner
-    return kind.restored(context, stored)
+    return kind.restored(context, stored) if stored else kind(context)
 
 
-def _new_rigid_body_and_tree(context: LearnerContext) -> Learner:
-    return LeastSquaresLearner(_solved(context), RigidBodyLearner(_solved(context)))
+def _rigid_body(context: LearnerContext, stored: StoredLearner | None) -> RigidBodyLearner:
+    return RigidBodyLearner.restored(context, stored) if stored else RigidBodyLearner(context)
 
 
-def _restored_rigid_body_and_tree(context: LearnerContext, stored: StoredLearner) -> Learner:
+def _rigid_body_and_tree(context: LearnerContext, stored: StoredLearner | None) -> Learner:
+    # Sample by sample is too slow for a rest.
+    context = replace(context, learning=replace(context.learning, weights="least_squares"))
+    if stored is None:
+        return LeastSquaresLearner(context, _rigid_body(context, None))
     of_base = {k.removeprefix(BASE): array for k, array in stored.arrays.items() if k.startswith(BASE)}
-    base = RigidBodyLearner.restored(_solved(context), StoredLearner(stored.header["base"], of_base))
-    return LeastSquaresLearner.restored(_solved(context), stored, base)
+    base = _rigid_body(context, StoredLearner(stored.header["base"], of_base))
+    return LeastSquaresLearner.restored(context, stored, base)
 
 
 OURS: dict[str, LearnerKind] = {
     # Trees alone. ``learning.weights`` says how they learn.
-    "lms_tree": OurKind(_new_trees, _restored_trees),
+    "lms_tree": OurKind(_trees),
     # The parameters of rigid links with friction; kinematics from the URDF.
-    "rigid_body": OurKind(RigidBodyLearner, RigidBodyLearner.restored),
+    "rigid_body": OurKind(_rigid_body),
     # Trees, solved by least squares, learn what rigid links leave over.
-    "rigid_body+lms_tree": OurKind(_new_rigid_body_and_tree, _restored_rigid_body_and_tree),
+    "rigid_body+lms_tree": OurKind(_rigid_body_and_tree),
 }
 
 

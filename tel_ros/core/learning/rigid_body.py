@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from tel_ros.core.errors import ConfigError
-from tel_ros.core.learning.calibration import CalibratedLearner, Calibration
+from tel_ros.core.learning.calibration import CalibratedLearner
 from tel_ros.core.learning.experience import (
     CHANGED,
     SampleMemory,
@@ -165,7 +165,7 @@ class RigidBodyLearner(CalibratedLearner):
     def restored(cls, context: LearnerContext, stored: StoredLearner) -> Self:
         """Return a learner from its description."""
         learner = cls(context)
-        learner.trials_learned = int(stored.header["trials_learned"])
+        learner._take_up(stored)
         learner._strength = float(stored.header["prior_strength"])
         if not 0.0 < learner._strength < np.inf:
             raise ValueError(f"prior_strength is {learner._strength}; expected a finite number above 0")
@@ -176,7 +176,6 @@ class RigidBodyLearner(CalibratedLearner):
                 raise ValueError(f"{name} has shape {stored.arrays[name].shape}; expected {shape}")
         *equations, learner._parameters = (stored.arrays[name] for name in shapes)
         learner._equations = NormalEquations(*equations)
-        learner.calibration = Calibration.restored(stored.arrays, len(context.joints))
         return learner
 
     def stored(self) -> StoredLearner:
