@@ -15,7 +15,7 @@ from recorded_run import record_run
 
 from sim_bridge.arm import SimulatedArm
 from sim_bridge.resuming import replay_arm
-from tel_lab.offline import LearnerNetwork
+from tel_lab.offline import OfflinePractice
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.practice.movement_path import forecast_trajectory
@@ -131,13 +131,14 @@ def test_forecasts_are_equal_to_the_last_bit_whether_the_network_is_in_a_file_or
 ) -> None:
     config = resumed_config(whole)
     path, movement = load_path(config.path, config.arm), Movement(3.5)
-    in_memory = LearnerNetwork(config, load_network(network_after(whole, 1)))
+    in_memory = OfflinePractice(config, path, load_network(network_after(whole, 1)))
     in_file = RecordedNetwork(whole, config)
     in_file.load(1)
     found, again = (
         PracticeSession(config, path, None, make_strategy(config), None, network).forecast(movement)
         for network in (in_memory, in_file)
     )
+    in_memory.arm.plant.close()
     np.testing.assert_array_equal(found.effort_nm, again.effort_nm)
     np.testing.assert_array_equal(found.std_rad, again.std_rad)
     # As the graph does: from equilibrium points, and the rounding of that has its share in decisions.
