@@ -73,7 +73,6 @@ setup(
         "scipy",
         "setuptools",
         "threadpoolctl",
-        "urdf-parser-py",
     ],
     extras_require={
         # ROS 2 Jazzy from wheels, for machines without a ROS installation.

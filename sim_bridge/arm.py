@@ -23,11 +23,11 @@ from functools import partial
 from typing import NamedTuple
 
 from sim_bridge.actuators import CommandDelay, PositionDrive
-from sim_bridge.description import ArmDescription
 from sim_bridge.physics import ArmPhysics, SimulationError
 from sim_bridge.sensors import JointSensors
 from tel_ros.core.config import ArmConfig, JointValues, SimConfig
 from tel_ros.core.errors import ConfigError, TelError
+from tel_ros.recording.urdf import described
 
 
 class CommandError(TelError):
@@ -71,12 +71,14 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
     """
 
     def __init__(self, arm: ArmConfig, sim: SimConfig, *, rate_hz: float, seed: int) -> None:
-        description = ArmDescription(arm.urdf, arm.joints, arm.hand_link)
+        description = described(arm)
         self.joint_names = arm.joints
         self.effort_limit_nm: JointValues = tuple(
-            min(pair) for pair in zip(arm.effort_limit_nm, description.effort_limit_nm, strict=True)
+            min(own, limit.effort_nm)
+            for own, limit in zip(arm.effort_limit_nm, description.limits, strict=True)
         )
-        self._range_rad = tuple(zip(description.position_min_rad, description.position_max_rad, strict=True))
+        stops_rad = description.stops_rad(arm)
+        self._range_rad = tuple(zip(*stops_rad, strict=True))
         substeps = sim.physics_rate_hz / rate_hz
         if not (substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9):
             expected = f"a whole multiple of the control rate {rate_hz}"
@@ -96,10 +98,11 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             raise ConfigError("sim.command_delay_s", sim.command_delay_s, expected)
         self._delay = CommandDelay(round(delay), self._zero)
         self._sensors = JointSensors(len(arm.joints), sim, period_s=1.0 / rate_hz, seed=seed)
-        start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, description)
+        start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, *stops_rad)
         self._check_position("sim.initial_position_rad", start_rad)
         self._physics = ArmPhysics(
             description,
+            arm,
             sim,
             self._per_joint(sim, "viscous_friction_nms_per_rad") or description.viscous_friction_nms_per_rad,
             self._per_joint(sim, "coulomb_friction_nm") or description.coulomb_friction_nm,
@@ -226,11 +229,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             raise ConfigError(key, list(position_rad), f"one value in rad a joint, within {ranges}")
 
 
-def _middle(arm: ArmConfig, description: ArmDescription) -> JointValues:
-    low = arm.position_min_rad or description.position_min_rad
-    high = arm.position_max_rad or description.position_max_rad
+def _middle(arm: ArmConfig, low_rad: JointValues, high_rad: JointValues) -> JointValues:
+    ends = zip(arm.position_min_rad or low_rad, arm.position_max_rad or high_rad, strict=True)
     # A joint without limits starts at zero.
-    return tuple(
-        0.5 * (a + b) if math.isfinite(a) and math.isfinite(b) else 0.0
-        for a, b in zip(low, high, strict=True)
-    )
+    return tuple(0.5 * (a + b) if math.isfinite(a) and math.isfinite(b) else 0.0 for a, b in ends)

@@ -10,13 +10,16 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from sim_bridge.description import PAYLOAD_LINK, ArmDescription
-from tel_ros.core.config import JointValues, SimConfig
-from tel_ros.core.errors import ConfigError, InputFileError, TelError
+from tel_ros.core.arm_description import ArmDescription
+from tel_ros.core.config import ArmConfig, JointValues, SimConfig
+from tel_ros.core.errors import ConfigError, TelError
+from tel_ros.core.plain_urdf import PAYLOAD_LINK, check_dynamics, inertial, plain_urdf, remarks
+from tel_ros.recording.urdf import mesh_file
 
 
 @contextmanager
@@ -77,6 +80,7 @@ class ArmPhysics:
     def __init__(
         self,
         description: ArmDescription,
+        arm: ArmConfig,
         sim: SimConfig,
         viscous_nms_per_rad: JointValues,
         coulomb_nm: JointValues,
@@ -84,12 +88,13 @@ class ArmPhysics:
         # Without a display PyBullet ends the whole process.
         if sim.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
             raise ConfigError("sim.gui", sim.gui, "false, since there is no display (DISPLAY is not set)")
-        for remark in description.remarks:
-            _LOG.warning("%s: %s", description.path, remark)
+        check_dynamics(description, arm.hand_link, sim.payload_kg)
+        for remark in filter(None, (description.assumed, *remarks(description))):
+            _LOG.info("%s: %s", arm.urdf, remark)
         with rerouted(1, to=2):
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:
-                self._body = _load(description, sim, self._client)
+                self._body = _load(description, arm, sim, self._client)
                 n_links = pybullet.getNumJoints(self._body, physicsClientId=self._client)
                 links = [
                     pybullet.getJointInfo(self._body, i, physicsClientId=self._client) for i in range(n_links)
@@ -196,34 +201,26 @@ class ArmPhysics:
         )
 
     def _check_inertia(self, description: ArmDescription, links: Sequence[str], inertia_scale: float) -> None:
-        """Refuse an inertia that PyBullet silently replaced, and joints that nothing resists."""
-        description.check_inertias()
+        """Refuse an inertia that PyBullet silently replaced."""
         for i, link in enumerate(links):
             if link == PAYLOAD_LINK:
                 continue
             moments = pybullet.getDynamicsInfo(self._body, i, physicsClientId=self._client)[2]
             # The sum of the principal moments does not depend on the axes that PyBullet chose.
-            expected_kgm2 = inertia_scale * description.link_inertia_trace_kgm2(link)
+            expected_kgm2 = inertia_scale * np.trace(inertial(description.urdf, link).tensor_kgm2)
             if not math.isclose(sum(moments), expected_kgm2, rel_tol=1e-6):
-                raise InputFileError(
-                    description.path,
-                    f"link {link!r} has an <inertia> that no body has",
-                    "principal moments of at least 0, none above the sum of the two others",
-                )
-        mass_matrix = np.array(
-            pybullet.calculateMassMatrix(self._body, [0.0] * len(self._joints), physicsClientId=self._client)
-        )
-        if not np.all(np.linalg.eigvalsh(mass_matrix) > 1e-12 * np.trace(mass_matrix)):
-            raise InputFileError(
-                description.path,
-                "it has a joint that moves neither mass nor inertia",
-                "an <inertial> with mass in the links that move",
-            )
+                found = f"PyBullet takes the <inertia> of link {link!r} for {moments} kg·m²"
+                raise description.urdf.refused(found, "one that a body can have")
 
 
-def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
-    text = description.for_simulation(
-        inertia_scale=sim.inertia_scale, payload_kg=sim.payload_kg, visuals=sim.gui
+def _load(description: ArmDescription, arm: ArmConfig, sim: SimConfig, client: int) -> int:
+    text = plain_urdf(
+        description,
+        inertia_scale=sim.inertia_scale,
+        payload_kg=sim.payload_kg,
+        hand_link=arm.hand_link,
+        stops_rad=description.stops_rad(arm),
+        mesh=partial(mesh_file, Path(arm.urdf)) if sim.gui else None,
     )
     with tempfile.TemporaryDirectory(prefix="tel_ros_") as folder:
         path = Path(folder) / "arm.urdf"
@@ -233,4 +230,4 @@ def _load(description: ArmDescription, sim: SimConfig, client: int) -> int:
             flags = pybullet.URDF_USE_INERTIA_FROM_FILE
             return int(pybullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client))
         except pybullet.error as error:
-            raise InputFileError(description.path, f"PyBullet refuses it ({error})", "a URDF file") from error
+            raise description.urdf.refused(f"PyBullet refuses it ({error})", "a URDF file") from error

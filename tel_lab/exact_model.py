@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_bridge.description import ArmDescription
 from sim_bridge.physics import STANDARD_GRAVITY_M_S2, pybullet, rerouted
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.learning.learner import TrainingMode, TrainingOutcome
 from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.plain_urdf import plain_urdf
 from tel_ros.core.types import FloatArray
+from tel_ros.recording.urdf import described
 
 
 class ExactInverseDynamics:
@@ -29,11 +30,15 @@ class ExactInverseDynamics:
         self._joints = arm.joints
         self._stiffness = np.array(arm.stiffness_nm_per_rad)
         self._damping = np.array(arm.damping_nms_per_rad)
-        description = ArmDescription(arm.urdf, arm.joints, arm.hand_link)
+        description = described(arm)
         self._viscous = np.array(sim.viscous_friction_nms_per_rad or description.viscous_friction_nms_per_rad)
         self._coulomb = np.array(sim.coulomb_friction_nm or description.coulomb_friction_nm)
-        self._urdf = description.for_simulation(
-            inertia_scale=sim.inertia_scale, payload_kg=sim.payload_kg, visuals=False
+        self._urdf = plain_urdf(
+            description,
+            inertia_scale=sim.inertia_scale,
+            payload_kg=sim.payload_kg,
+            hand_link=arm.hand_link,
+            stops_rad=description.stops_rad(arm),
         )
 
     def predict(self, inputs: FloatArray) -> FloatArray:

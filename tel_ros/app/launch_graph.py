@@ -24,6 +24,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import read_summary
+from tel_ros.recording.urdf import read_urdf
 
 
 def arguments(config: str, about_config: str) -> list[DeclareLaunchArgument]:
@@ -89,7 +90,7 @@ class LaunchGraph:
 
     def robot_state_publisher(self, urdf: Path) -> Node:
         """Return the action that publishes robot_description and TF, with the namespace before the frames."""
-        text = ParameterValue(urdf.read_text(encoding="utf-8"), value_type=str)
+        text = ParameterValue(read_urdf(urdf).text, value_type=str)
         prefix = "" if self.namespace == "/" else f"{self.namespace.strip('/')}/"
         parameters = [{"robot_description": text, "frame_prefix": prefix}]
         return self.node("robot_state_publisher", "robot_state_publisher", parameters)

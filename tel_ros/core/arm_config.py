@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from tel_ros.core.config_fields import (
@@ -30,6 +30,9 @@ class ArmConfig(Checked):
     """Names of the joints to move, in the order of every array and of the effort command."""
     hand_link: str
     """Link whose path is drawn in reports."""
+    held: dict[str, float] = field(default_factory=dict)
+    """Where joints of the URDF that ``joints`` does not name are held, rad or m. Others: as near to 0 as they
+    can be, and those that mimic a joint follow it. Not a ROS parameter."""
     stiffness_nm_per_rad: tuple[Positive, ...]
     """K of the EP control law ([Practice] Sec. 3: 15)."""
     damping_nms_per_rad: tuple[NonNegative, ...]

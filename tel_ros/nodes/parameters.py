@@ -55,7 +55,7 @@ def load_parameters(node: Node, *sections: str, settable: Collection[str] = ()) 
             config = with_values(config, {key: given[old]}, source)
     overridden = {}
     for key, default in flat_values(config).items():
-        if key.split(".")[0] not in sections:
+        if key.split(".")[0] not in sections or key.startswith("arm.held."):
             continue
         try:
             value = _declare(node, key, default, read_only=key not in settable)

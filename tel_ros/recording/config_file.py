@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ import yaml
 from tel_ros.core.config import Config, file_keys
 from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.plain_urdf import check_dynamics
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.shared_files import missing, named_file
-from tel_ros.recording.urdf import chain_to_hand, joint_limits, read_urdf
+from tel_ros.recording.urdf import described
 
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
 """Keys of the previous version, which still work. Files say so with a warning, recorded runs silently."""
@@ -127,13 +128,15 @@ def dump_config(config: Config) -> str:
 
 def flat_values(config: Config) -> dict[str, Any]:
     """Return a configuration as dotted keys and their values (lists for tuples)."""
-    flat: dict[str, Any] = {}
-    for section, values in to_plain(config).items():
-        if isinstance(values, dict):
-            flat |= {f"{section}.{key}": value for key, value in values.items()}
+    return dict(_flat(to_plain(config)))
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
         else:
-            flat[section] = values
-    return flat
+            yield f"{prefix}{key}", value
 
 
 def with_values(config: Config, values: Mapping[str, Any], source: str) -> Config:
@@ -227,18 +230,14 @@ def _assign(raw: dict[str, Any], key: str, value: Any, source: str) -> None:
 
 
 def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:
-    arm = config.arm
-    urdf = read_urdf(Path(arm.urdf))
+    """Return a configuration with the limits of its URDF, in which there is all that it takes."""
     try:
-        limits = joint_limits(urdf, arm.joints)
-        chain_to_hand(urdf, arm.joints, arm.hand_link)
-        filled = dataclasses.replace(
-            arm,
-            position_min_rad=arm.position_min_rad or limits.position_min_rad,
-            position_max_rad=arm.position_max_rad or limits.position_max_rad,
-            velocity_limit_rad_s=arm.velocity_limit_rad_s or limits.velocity_rad_s,
-        )
-        limits.require_within(filled)
+        arm = described(config.arm)
+        filled = dataclasses.replace(config, arm=arm.filled(config.arm))
     except ConfigError as error:
-        raise error.inside("arm", source_of(f"arm.{error.key}")) from None
-    return dataclasses.replace(config, arm=filled)
+        raise error.inside("", source_of(error.key)) from None
+    if config.run.arm == "sim":
+        check_dynamics(arm, config.arm.hand_link, config.sim.payload_kg)
+    if arm.assumed:
+        warnings.warn(f"{config.arm.urdf}: {arm.assumed}", UserWarning, stacklevel=3)
+    return filled

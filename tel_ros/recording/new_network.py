@@ -14,6 +14,7 @@ from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.network_file import load_network
+from tel_ros.recording.urdf import described, urdf_text
 from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 PREDICTS_TORQUE = "a network of practice, which predicts equilibrium points; this one predicts torque"
@@ -39,7 +40,7 @@ def learner_context(config: Config) -> LearnerContext:
         ),
         learning=config.learning,
         seed=config.seed,
-        urdf=Path(config.arm.urdf).read_text(encoding="utf-8"),
+        urdf=urdf_text(described(config.arm)),
     )
 
 

@@ -1,7 +1,7 @@
 """What a run was made with: versions of the code, and the files that its configuration names, for its bags.
 
-Text files are stored as they are, in every bag. A binary file, such as the network that learning
-starts from, is stored in Base64, in the bag of the first trial only.
+Files are stored in Base64: no writer of YAML keeps all bytes of a text. Text files are in every bag, a binary
+file, such as the network that learning starts from, is in that of the first trial only.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from tel_ros.recording.config_file import config_from
 
 CHECKOUT = Path(__file__).parents[2]
 _PREFIX = "file."
+_BASE64 = "base64:"
+"""In front of contents; earlier versions wrote text as it is, and binary files without this mark."""
 _PACKAGES = ("numpy", "scipy", "numba", "rosbags", "pybullet", "pin")
 _GIT_TIMEOUT_S = 5.0
 
@@ -31,10 +33,8 @@ def stored_files(config: Config, trial: int) -> dict[str, str]:
     """Return the files that a configuration names, as keys of a trial's bag metadata to contents."""
     contents = {}
     for key, file in file_values(config).items():
-        if not file_keys()[key].binary:
-            contents[_PREFIX + key] = file.read_text(encoding="utf-8")
-        elif trial == 1:
-            contents[_PREFIX + key] = base64.b64encode(file.read_bytes()).decode("ascii")
+        if trial == 1 or not file_keys()[key].binary:
+            contents[_PREFIX + key] = _BASE64 + base64.b64encode(file.read_bytes()).decode("ascii")
     return contents
 
 
@@ -49,9 +49,9 @@ def stored_config(bag: Path, metadata: Mapping[str, str]) -> Config:
         raise BagError(bag, found, "that of a practice run") from error
 
 
-def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> str:
-    """Return the text of the URDF that a bag was recorded with; BagError if not in the bag or beside it."""
-    return _content(bag, metadata, stored_config(bag, metadata), "arm.urdf").decode("utf-8")
+def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> bytes:
+    """Return the URDF that a bag was recorded with; BagError if it is neither in the bag nor beside it."""
+    return _content(bag, metadata, stored_config(bag, metadata), "arm.urdf")
 
 
 def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Config:
@@ -71,11 +71,11 @@ def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Con
 
 def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -> bytes:
     stored, is_binary = metadata.get(_PREFIX + key), file_keys()[key].binary
-    if stored is not None and not is_binary:
+    if stored is not None and not (is_binary or stored.startswith(_BASE64)):
         return stored.encode("utf-8")
     if stored is not None:
         try:
-            return base64.b64decode(stored, validate=True)
+            return base64.b64decode(stored.removeprefix(_BASE64), validate=True)
         except binascii.Error as error:
             found = f"holds a {key} that is not readable ({error})"
             raise BagError(bag, found, "the file in Base64") from error

@@ -218,7 +218,7 @@ def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmCon
     differs in one of them from ``arm``, whose URDF can be read; None: from the first bag.
     """
     if arm is not None:
-        reference, origin = _facts(arm, Path(arm.urdf).read_text(encoding="utf-8")), "the configuration"
+        reference, origin = _facts(arm, Path(arm.urdf).read_bytes()), "the configuration"
     else:
         reference, origin = {}, str(bags[0][0]) if bags else ""
     for bag, metadata in bags:
@@ -229,9 +229,10 @@ def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmCon
                 raise BagError(bag, f"{key} is {value!r}", f"{expected!r}, as in {origin}")
 
 
-def _facts(arm: ArmConfig, urdf: str) -> dict[str, Any]:
+def _facts(arm: ArmConfig, urdf: bytes) -> dict[str, Any]:
     facts: dict[str, Any] = {f"arm.{key}": getattr(arm, key) for key in _ARM_KEYS}
-    facts["arm.urdf"] = f"a text with the SHA-256 {hashlib.sha256(urdf.encode()).hexdigest()[:16]}"
+    text = urdf.replace(b"\r\n", b"\n")  # as bags of earlier versions hold it
+    facts["arm.urdf"] = f"a text with the SHA-256 {hashlib.sha256(text).hexdigest()[:16]}"
     return facts
 
 

@@ -72,16 +72,17 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     made_by_runs = [folder / SUMMARY_FILE, folder / UNFINISHED, *folder.glob("trial_*")]
     if not file.exists() or any(path.exists() for path in made_by_runs):
         raise InputFileError(folder, "holds something already", f"a new folder, or one with a {CONFIG_FILE}")
-    used = flat_values(config)
-    for key, value in flat_values(load_config(file)).items():
+    used, written = flat_values(config), flat_values(load_config(file))
+    for key in used | written:
+        value = written.get(key)
         names_files = key in file_keys() and value and used[key]
         same = (
             Path(value).read_bytes() == Path(used[key]).read_bytes()
-            if names_files
+            if names_files and value
             else value == used.get(key)
         )
         if not same and not key.startswith("versions"):
-            expected = f"{used[key]!r}, as in the configuration of the nodes, or a new folder"
+            expected = f"{used.get(key)!r}, as in the configuration of the nodes, or a new folder"
             raise InputFileError(file, f"{key} is {value!r}", expected)
     return written_config(folder)
 

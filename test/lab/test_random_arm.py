@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from sim_bridge.arm import SimulatedArm
-from sim_bridge.description import ArmDescription
 from tel_lab.random_arm import (
     FAR,
     NEAR,
@@ -21,6 +20,7 @@ from tel_lab.random_arm import (
 from tel_ros.core.config import SimConfig
 from tel_ros.core.errors import ConfigError
 from tel_ros.recording.config_file import load_config
+from tel_ros.recording.urdf import described
 
 CONFIG = load_config(Path(__file__).parents[2] / "config" / "planar_arm.yaml")
 
@@ -77,7 +77,7 @@ def test_joints_have_frictions_of_their_own() -> None:
 
 
 def test_the_nominal_frictions_are_those_of_the_urdf() -> None:
-    description = ArmDescription(CONFIG.arm.urdf, ("shoulder", "elbow"), "hand")
+    description = described(CONFIG.arm)
     assert description.viscous_friction_nms_per_rad == (NOMINAL_VISCOUS_FRICTION_NMS_PER_RAD,) * 2
     assert description.coulomb_friction_nm == (0.0, 0.0)
 

@@ -26,7 +26,7 @@ from tel_ros.nodes.arm_check import ArmClient, endpoints
 from tel_ros.nodes.waiting import namespace_hint
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.urdf import read_urdf
+from tel_ros.recording.urdf import described, urdf_text
 
 CHANNEL_TIMEOUT_S = 5.0
 DISCOVERY_S = 0.5
@@ -157,10 +157,9 @@ def _model(arm: ArmConfig, position_rad: FloatArray) -> tuple[FloatArray | None,
     """Return what the URDF says of the arm: its inertia at a posture, if known, and viscous friction."""
     from tel_ros.core.learning.rigid_body import inertia_matrix  # late: it loads what learning needs
 
-    joint_map = read_urdf(Path(arm.urdf)).joint_map
-    dynamics = [joint_map[name].dynamics for name in arm.joints]
-    friction = np.array([float((d and d.damping) or 0.0) for d in dynamics])
-    return inertia_matrix(Path(arm.urdf).read_text(encoding="utf-8"), arm.joints, position_rad), friction
+    found = described(arm)
+    friction = np.array(found.viscous_friction_nms_per_rad)
+    return inertia_matrix(urdf_text(found), arm.joints, position_rad), friction
 
 
 def _announcement(config: Config, bounds: PulseBounds) -> str:

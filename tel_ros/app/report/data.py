@@ -20,7 +20,7 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
 from tel_ros.recording.summary import TrialRow
 from tel_ros.recording.trial_bag import RecordedTrial, check_bag, read_trial
-from tel_ros.recording.urdf import chain_to_hand, read_urdf
+from tel_ros.recording.urdf import described
 
 Item = TypeVar("Item")
 
@@ -85,8 +85,7 @@ class RunData:
     @property
     def chain(self) -> SerialChain:
         """From the base to the hand."""
-        arm = self.config.arm
-        return chain_to_hand(read_urdf(Path(arm.urdf)), arm.joints, arm.hand_link)
+        return described(self.config.arm).chain(self.config.arm.hand_link)
 
     def require_bags(self, page: Path) -> None:
         """Raise a BagError if trials had a movement and not one of their bags can be used, with all said."""

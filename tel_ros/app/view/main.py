@@ -29,7 +29,7 @@ from tel_ros.core.errors import TelError
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.nodes.hot_loop import serve_ready
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.urdf import chain_to_hand, read_urdf
+from tel_ros.recording.urdf import described
 from tel_ros.recording.waypoint_file import load_path
 
 ARM_RATE_HZ = 20.0
@@ -52,7 +52,7 @@ class LiveView:
 
     def __init__(self, config: Config, node: Node, token: str, port: int) -> None:
         self._config, self._node = config, node
-        self._chain = chain_to_hand(read_urdf(Path(config.arm.urdf)), config.arm.joints, config.arm.hand_link)
+        self._chain = described(config.arm).chain(config.arm.hand_link)
         path_rad, _, _ = load_path(config.path, config.arm).evaluate(np.linspace(0.0, 1.0, 50))
         path_m = self._chain.hand_positions(path_rad)
         self._graph = GraphView(node, config, self._begin_trial, self._on_feedback)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +21,9 @@ from tel_ros.app.view.live_trial import History, LiveTrial, magnitude, round_up
 from tel_ros.app.view.words import status_html, trials_html
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import InputFileError
+from tel_ros.core.plain_urdf import plain_urdf
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.shared_files import named_file
+from tel_ros.recording.urdf import described, mesh_file
 
 if TYPE_CHECKING:
     from tel_interfaces.action import Practice
@@ -144,7 +147,7 @@ class Page:
 
     def _robots(self, arm: ArmConfig) -> tuple[_Robot, _Robot]:
         try:
-            urdf = _load(Path(arm.urdf))
+            urdf = _load(arm)
             self._server.scene.add_frame("/arm", show_axes=False)
             self._ghost_frame = self._server.scene.add_frame("/ghost", show_axes=False, visible=False)
             drawn = ViserUrdf(self._server, urdf, root_node_name="/arm")
@@ -227,11 +230,10 @@ class _Robot:
         self._drawn.update_cfg(self._posture)
 
 
-def _load(file: Path) -> yourdfpy.URDF:
-    def find(name: str) -> str:
-        return str(named_file(name.removeprefix("file://"), file.parent))
-
-    return yourdfpy.URDF.load(str(file), filename_handler=find, build_collision_scene_graph=False)
+def _load(arm: ArmConfig) -> yourdfpy.URDF:
+    text = plain_urdf(described(arm), mesh=partial(mesh_file, Path(arm.urdf)))
+    file = io.BytesIO(text.encode())
+    return yourdfpy.URDF.load(file, filename_handler=str, build_collision_scene_graph=False)
 
 
 def _inset(html: str) -> str:

@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.arm_description import ENDLESS_RAD, ArmDescription
+from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.core.learning.calibration import CalibratedLearner
 from tel_ros.core.learning.experience import (
     CHANGED,
@@ -28,7 +29,9 @@ from tel_ros.core.learning.experience import (
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner, rms
 from tel_ros.core.learning.least_squares import NormalEquations, on_one_thread
 from tel_ros.core.learning.signals import TrainingSamples
+from tel_ros.core.plain_urdf import plain_urdf
 from tel_ros.core.types import BoolArray, FloatArray
+from tel_ros.core.urdf import Urdf
 
 COULOMB_SPEED_RAD_S = 0.01
 """Where the smoothed sign function tanh(q̇ / v) of Coulomb friction has 3/4 of its full value. Desired
@@ -43,7 +46,7 @@ class RigidBodyRegressor:
 
     The parameters are, for each moving link, mass, three first moments and six second moments about the
     joint; then viscous, then Coulomb friction of each joint. Joints of the URDF (its text) that are not named
-    are taken as fixed at zero.
+    are taken as held: at 0, or as near as they can be.
 
     Raises:
         ConfigError: Pinocchio is not installed, or the URDF does not have such joints.
@@ -58,15 +61,9 @@ class RigidBodyRegressor:
         except ImportError:
             raise refused("another learner, or Pinocchio installed (pip install pin)") from None
         try:
-            whole = pinocchio.buildModelFromXML(urdf)
-        except (ValueError, RuntimeError) as error:
-            raise refused(f"a URDF that Pinocchio reads ({error})") from None
-        missing = [joint for joint in joints if not whole.existJointName(joint)]
-        if missing:
-            raise refused(f"a URDF with the moving joints {', '.join(missing)}")
-        model = _reduced(pinocchio, whole, joints)
-        if model.nq != len(joints) or model.nv != len(joints):
-            raise refused("revolute or prismatic joints with one coordinate each")
+            model = _model(pinocchio, urdf, joints)
+        except (TelError, ValueError, RuntimeError) as error:
+            raise refused(f"a URDF with these joints that Pinocchio reads ({error})") from None
         self._regressor = partial(pinocchio.computeJointTorqueRegressor, model, model.createData())
         self._order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
         self.n_joints = len(joints)
@@ -113,29 +110,28 @@ class RigidBodyRegressor:
 def inertia_matrix(urdf: str, joints: Sequence[str], position_rad: FloatArray) -> FloatArray | None:
     """Return the inertia matrix that a URDF gives an arm at a posture [kg·m²]. Shape (n_joints, n_joints).
 
-    Other joints than ``joints`` are taken as fixed at zero. None if Pinocchio is not installed, or the matrix
+    Other joints than ``joints`` are taken as held. None if Pinocchio is not installed, or the matrix
     is not positive definite (a URDF without masses).
     """
     try:
         import pinocchio
     except ImportError:
         return None
-    model = _reduced(pinocchio, pinocchio.buildModelFromXML(urdf), joints)
-    q = pinocchio.neutral(model)
+    model = _model(pinocchio, urdf, joints)
+    q = np.zeros(model.nq)
     of = [model.joints[model.getJointId(name)] for name in joints]
-    for joint, value in zip(of, position_rad, strict=True):
-        # A continuous joint has a cosine and a sine.
-        q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+    q[[joint.idx_q for joint in of]] = position_rad
     upper = np.triu(pinocchio.crba(model, model.createData(), q))
     order = [joint.idx_v for joint in of]
     inertia = np.asarray((upper + np.triu(upper, 1).T)[np.ix_(order, order)], dtype=np.float64)
     return inertia if np.all(np.linalg.eigvalsh(inertia) > 0.0) else None
 
 
-def _reduced(pinocchio: Any, whole: Any, joints: Sequence[str]) -> Any:
-    """Return a model in which all other joints are fixed at zero."""
-    others = [k for k in range(1, whole.njoints) if whole.names[k] not in joints]
-    return pinocchio.buildReducedModel(whole, others, pinocchio.neutral(whole)) if others else whole
+def _model(pinocchio: Any, urdf: str, joints: Sequence[str]) -> Any:
+    """Return a model in which all other joints are fixed, and those have one coordinate each."""
+    endless = (-ENDLESS_RAD,) * len(joints), (ENDLESS_RAD,) * len(joints)
+    arm = ArmDescription(Urdf(urdf.encode(), "the URDF"), joints)
+    return pinocchio.buildModelFromXML(plain_urdf(arm, stops_rad=endless))
 
 
 class RigidBodyLearner(CalibratedLearner):

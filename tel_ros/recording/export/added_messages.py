@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from tel_ros.core.arm_description import ArmDescription
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import LinkJoint, SerialChain
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.core.urdf import Urdf
 from tel_ros.recording.bag_format import typestore
 from tel_ros.recording.provenance import stored_config, stored_urdf
 from tel_ros.recording.trial_bag import RecordedTrial
-from tel_ros.recording.urdf import chain_to_hand, link_joints, parse_urdf
 
 ROBOT_DESCRIPTION = "/robot_description"
 """std_msgs/String, once: the URDF as it was recorded."""
@@ -73,19 +74,18 @@ class ExportedArm:
 def exported_arm(bag: Path, metadata: Mapping[str, str]) -> ExportedArm:
     """Return the arm of a bag; BagError if parts of it are missing, ConfigError if they contradict."""
     config = stored_config(bag, metadata).arm
-    text = stored_urdf(bag, metadata)
     try:
-        urdf = parse_urdf(text.encode("utf-8"), config.urdf)
+        urdf = Urdf(stored_urdf(bag, metadata), config.urdf)
+        arm = ArmDescription.of(urdf, config)
     except InputFileError as error:
         raise BagError(bag, f"holds a URDF that is {error.found}", "that of the arm") from error
-    shapes = [shape.geometry for link in urdf.links for shape in (*link.visuals, *link.collisions)]
-    meshes = dict.fromkeys(shape.filename for shape in shapes if hasattr(shape, "filename"))
+    meshes = dict.fromkeys(m.get("filename", "") for link in urdf.links.values() for m in link.iter("mesh"))
     return ExportedArm(
         config=config,
-        urdf=text,
-        root=urdf.get_root(),
-        joints=link_joints(urdf, config.joints),
-        chain=chain_to_hand(urdf, config.joints, config.hand_link),
+        urdf=urdf.text,
+        root=urdf.root,
+        joints=arm.link_joints,
+        chain=arm.chain(config.hand_link),
         meshes=tuple(meshes),
     )
 

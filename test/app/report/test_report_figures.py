@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from tel_ros.app.plotting import figure_style
 from tel_ros.app.report.data import read_run
 from tel_ros.app.report.figures import over_trials, path_panels, tracking_figure
 from tel_ros.recording.summary import TrialRow
-from tel_ros.recording.urdf import chain_to_hand, read_urdf
+from tel_ros.recording.urdf import described
 
 BAND = "±2 standard deviations that the network expected of its command"
 N = Trial().n_points
@@ -27,7 +26,7 @@ INF = float("inf")
 
 def test_the_curves_of_the_hand_are_the_forward_kinematics_of_the_recorded_run(make_run: MakeRun) -> None:
     run = read_run(make_run([Trial(duration_s=2.0)]))
-    chain = chain_to_hand(read_urdf(Path(run.config.arm.urdf)), JOINTS, "hand")
+    chain = described(run.config.arm).chain("hand")
     (panel,), sentence, labels = path_panels(run.drawn, chain)
     wanted = desired_rad(np.linspace(0.0, 1.0, 51))
     # Bags keep every bit, so only the rounding of two ways to calculate separates the two.

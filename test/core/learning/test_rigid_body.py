@@ -94,12 +94,12 @@ def test_the_slope_in_an_acceleration_is_that_of_the_regressor() -> None:
 @pytest.mark.parametrize(
     ("text", "joints", "said"),
     [
-        ("", JOINTS, "a URDF that Pinocchio reads"),
-        ("words", JOINTS, "a URDF that Pinocchio reads"),
-        (urdf()[:-20], JOINTS, "a URDF that Pinocchio reads"),
-        (urdf(), ("shoulder", "wrist"), "a URDF with the moving joints wrist"),
-        (urdf().replace("revolute", "fixed"), JOINTS, "a URDF with the moving joints shoulder, elbow"),
-        (urdf().replace("revolute", "floating"), JOINTS, "joints with one coordinate each"),
+        ("", JOINTS, "a URDF with these joints that Pinocchio reads"),
+        ("words", JOINTS, "a URDF with these joints that Pinocchio reads"),
+        (urdf()[:-20], JOINTS, "a URDF with these joints that Pinocchio reads"),
+        (urdf(), ("shoulder", "wrist"), "joints is .wrist."),
+        (urdf().replace("revolute", "fixed"), JOINTS, "joints is .shoulder.; expected a movable joint"),
+        (urdf().replace("revolute", "floating"), JOINTS, "joints is .shoulder.; expected a movable joint"),
     ],
     ids=["empty", "no_xml", "broken_off", "unknown_joint", "fixed_joints", "floating_joints"],
 )
