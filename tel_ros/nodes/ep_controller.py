@@ -221,8 +221,12 @@ class EpControllerNode(ManagedNode):
         self._end_if_stopped()
 
     def _is_stopping(self) -> bool:
-        """Whether the arm is on its way to its final effort."""
-        return self._controller.stopped_for is not None and not self._controller.at_final_effort
+        """Whether a stopped arm is on its way to its final effort, or moves.
+
+        In lockstep the time of an arm that gets no answer stands still: it would never be seen at rest.
+        """
+        stopped = self._controller.stopped_for is not None
+        return stopped and (not self._controller.at_final_effort or self._moves())
 
     def _moves(self) -> bool:
         """Whether the arm moves, as far as its states tell; a coarse encoder makes speeds at rest."""

@@ -18,11 +18,13 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialGoal
 
@@ -163,6 +165,7 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.trials = ActionClient(self.node, ExecuteTrial, topics.EXECUTE_TRIAL)
+        self._clients: dict[str, Client] = {}
 
     def __enter__(self) -> Graph:
         self.processes.__enter__()
@@ -195,12 +198,17 @@ class Graph:
 
     def call(self, kind: type, name: str, request: Any, timeout_s: float = 20.0) -> Any:
         """Call a service."""
-        client = self.node.create_client(kind, name)
-        self.spin_until(client.service_is_ready, timeout_s, name)
-        self.meet(self._server_of(client.service_name), timeout_s)
-        future = client.call_async(request)
+        future = self.client(kind, name).call_async(request)
         self.spin_until(future.done, timeout_s, f"an answer of {name}")
         return future.result()
+
+    def client(self, kind: type, name: str) -> Client:
+        """Return the client of a service whose node knows it."""
+        if name not in self._clients:
+            client = self._clients[name] = self.node.create_client(kind, name)
+            self.spin_until(client.service_is_ready, 20.0, name)
+            self.meet(self._server_of(client.service_name))
+        return self._clients[name]
 
     def _server_of(self, service: str) -> str:
         """Return the node that offers a service, which is there."""
@@ -216,7 +224,7 @@ class Graph:
         return found[0]
 
     def meet(self, node: str, timeout_s: float = 30.0) -> None:
-        """Wait until a node knows everything that this one has made before."""
+        """Wait until a node knows everything that this one has made before: nothing is lost from then on."""
         other = Liveness(self.node, node)
         self.spin_until(lambda: other.ask() >= 0.0 and other.met, timeout_s, f"an answer of {node}")
 
@@ -236,7 +244,10 @@ class Graph:
         heard: list[Any] = []
         self.node.create_subscription(Bool, topics.READY, heard.append, qos.LATCHED)
         self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
-        self.meet(topics.EP_CONTROLLER)
+        for name in (topics.SAFETY_STOP, topics.SAFETY_RESET):
+            self.client(Trigger, name)  # at hand when they are needed
+        for name in self.processes.pids:
+            self.meet(name)
         self.spin_until(lambda: bool(heard) and heard[-1].data, 20.0, topics.READY)
 
     def goal(self, duration_s: float = 5.0) -> TrialGoal:

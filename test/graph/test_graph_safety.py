@@ -7,12 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph_harness import PATIENT, QUICK, Graph, TelProcess, summary_of
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
@@ -69,17 +65,16 @@ def test_an_arm_that_is_to_be_held_at_the_end_is_held_after_a_stop_and_after_the
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
     running.wait_for_controller()
     trial = running.start_moving()
-    assert trigger(running, topics.SAFETY_STOP).success
+    with running.time_stopped_in_motion():
+        assert trigger(running, topics.SAFETY_STOP).success
     assert running.result(trial, 120.0).outcome == TrialResult.ABORTED
-
-    def rests() -> bool:
-        # The simulated arm's time stands still from then on: the controller says what it sees, and waits.
-        return states[-1].phase == ControlState.IDLE and np.abs(states[-1].velocity_rad_s).max() < 0.05
 
     def has_ended() -> bool:
         return running.node.count_publishers(topics.EFFORT_COMMANDS) == 0
 
-    running.spin_until(rests, 60.0, "rest")
+    # From then on the controller does not answer, and the simulated arm's time stands still: it has to rest.
+    running.spin_until(lambda: states[-1].phase == ControlState.IDLE, 60.0, "rest")
+    assert trigger(running, topics.SAFETY_RESET).success
     running.signal("ep_controller", signal.SIGTERM)
     running.spin_until(has_ended, 30.0, "the controller's end")
     assert np.any(commands[-1].data)
@@ -97,24 +92,13 @@ def test_an_emergency_stop_is_not_reset_while_the_arm_moves(graph: StartGraph) -
 
 
 def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_after_aborts(
-    tel: Callable[..., TelProcess], domain: int
+    tel: Callable[..., TelProcess], graph: StartGraph
 ) -> None:
     run = tel(*QUICK, "practice.strategy=adaptive_extension", "practice.first_duration_s=60.0")
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
-    try:
-        node = Node("person", context=context)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        client = node.create_client(Trigger, topics.SAFETY_STOP)
-        assert client.wait_for_service(60.0)
-        run.wait_until_moving(trial=1)
-        answer = client.call_async(Trigger.Request())
-        executor.spin_until_future_complete(answer, 20.0)
-        assert answer.result().success
-        node.destroy_node()
-    finally:
-        context.try_shutdown()
+    person = graph([])
+    person.client(Trigger, topics.SAFETY_STOP)
+    run.wait_until_moving(trial=1)
+    assert trigger(person, topics.SAFETY_STOP).success
     code, out, err = run.finish()
     assert code == 1
     assert "emergency stop: as long as ep_controller runs on, nothing moves" in err

@@ -3,91 +3,59 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
-import rclpy
-from graph_harness import PAPER, QUICK, TelProcess, summary_of, wait_until
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from graph_harness import PAPER, QUICK, Graph, TelProcess, summary_of, wait_until
+from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 from tel_interfaces.action import Practice
 
+from tel_ros.app.bring_up import MODULES
 from tel_ros.app.view.graph import GraphView
-from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config
 
 pytestmark = pytest.mark.timeout(400)
 
 
-class Person:
-    """Somebody with a terminal: calls services, and hears how the run goes."""
-
-    def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node("person", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.stages: list[tuple[int, str]] = []
-        self.told: list[int] = []
-        self.node.create_subscription(
-            Practice.Impl.FeedbackMessage, f"{topics.PRACTICE}/_action/feedback", self._hear, qos.EVENTS
-        )
-
-    def _hear(self, message: Practice.Impl.FeedbackMessage) -> None:
-        self.stages.append((message.feedback.trial, message.feedback.stage))
-        self.told += [result.index for result in message.feedback.last]
-
-    def call(self, kind: type, name: str, request: object) -> object:
-        client = self.node.create_client(kind, name)
-        assert client.wait_for_service(60.0)
-        answer = client.call_async(request)
-        self.executor.spin_until_future_complete(answer, 30.0)
-        return answer.result()
-
-    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
-        def spun() -> bool:
-            self.executor.spin_once(timeout_sec=0.05)
-            return condition()
-
-        wait_until(spun, 90.0, what)
-
-
-@pytest.fixture
-def person(domain: int) -> Iterator[Person]:
-    made = Person(domain)
-    yield made
-    made.node.destroy_node()
-    made.context.try_shutdown()
-
-
 def test_a_pause_holds_the_run_before_its_next_trial_until_it_is_taken_back(
-    tel: Callable[..., TelProcess], person: Person
+    graph: Callable[..., Graph], tmp_path: Path
 ) -> None:
-    run, goals = tel(*QUICK), []
-    assert person.call(SetBool, topics.PAUSE, SetBool.Request(data=True)).success
-    person.wait_for(lambda: any(stage == "paused" for _, stage in person.stages), "the pause")
-    paused_after = person.stages[-1][0]
-    log = run.folder / "log" / "ep_controller.log"
-    assert f"trial {paused_after + 1}: " not in log.read_text()
-    assert person.call(SetBool, topics.PAUSE, SetBool.Request(data=False)).success
-    person.wait_for(lambda: person.stages[-1][1] != "paused", "the next trial")
-    person.call(SetBool, topics.PAUSE, SetBool.Request(data=True))
-    person.wait_for(lambda: person.stages[-1][1] == "paused", "the second pause")
+    person, goals, stages, told = graph([*MODULES], *QUICK), [], [], []
+
+    def hear(message: Any) -> None:
+        stages.append((message.feedback.trial, message.feedback.stage))
+        told.extend(result.index for result in message.feedback.last)
+
+    def pause(wanted: bool) -> None:
+        assert person.call(SetBool, topics.PAUSE, SetBool.Request(data=wanted)).success
+
+    client = ActionClient(person.node, Practice, topics.PRACTICE)
+    person.spin_until(client.server_is_ready, 30.0, topics.PRACTICE)
+    pause(True)
+    sent = client.send_goal_async(Practice.Goal(run_dir=str(tmp_path / "run")), hear)
+    person.spin_until(lambda: bool(stages), 60.0, "the run")
+    assert stages[-1] == (0, "paused")  # also a run that comes after it
+    for _ in range(2):
+        pause(False)
+        person.spin_until(lambda: stages[-1][1] != "paused", 60.0, "the next trial")
+        pause(True)
+        person.spin_until(lambda: stages[-1][1] == "paused", 60.0, "the pause")
+        assert f"trial {stages[-1][0] + 1}: " not in person.log("ep_controller")
     # A run that waits can be ended, as the page's button does it.
     view = GraphView(person.node, load_config(PAPER), goals.append, lambda feedback: None)
-    person.wait_for(lambda: bool(goals) and view.paused, "what the view listens to")
+    person.meet("practice_manager")
+    person.spin_until(lambda: bool(goals) and view.paused, 60.0, "what the view listens to")
     view.end_run()
-    person.wait_for(lambda: view.look_at_arm() or bool(view.answer), "the answer")
+    person.spin_until(lambda: view.look_at_arm() or bool(view.answer), 30.0, "the answer")
     assert view.answer == "stop: the run is ending"
-    code, out, _ = run.finish()
-    summary = summary_of(out)
-    assert (code, summary["outcome"]) == (1, "cancelled")
-    told = [trial["index"] for trial in summary["trials"]]
-    assert person.told == told  # each once, pauses or not
+    result = person.result_of(sent.result())
+    client.destroy()
+    assert result.outcome == "cancelled"
+    assert told == [trial.index for trial in result.trials]  # each once, pauses or not
 
 
 def test_a_run_goes_on_without_its_view(tel: Callable[..., TelProcess]) -> None:
