@@ -6,7 +6,11 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
+import tel_ros.nodes  # noqa: F401 - first: whether ROS can start
+
+# isort: split
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -16,7 +20,8 @@ from sim_bridge.timing import Pacer, Stillness
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
-from tel_ros.nodes.conversions import command_reader
+from tel_ros.nodes.clock import STEADY
+from tel_ros.nodes.conversions import command_reader, to_time
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.parameters import load_parameters
@@ -33,6 +38,7 @@ STOP_SILENCE_S = 0.3
 LONGEST_STALL_S = 2.0
 NOTEWORTHY_STALL_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
+CLOCK_PERIOD_NS = 10_000_000
 RESTS = (
     "the recorded commands do not lead to the recorded states: the arm rests where it was last, "
     "and the run will not be equal to one without interruption"
@@ -92,17 +98,20 @@ class SimBridgeNode(Node):
         )
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
+        self._clock_pub, self._clock_due_ns = None, 0
+        if config.sim.publish_clock:
+            self._clock_pub = self.create_publisher(Clock, topics.CLOCK, qos.STREAM)
         on_command = partial(self._hear, self._on_command_in_lockstep if self._lockstep else self._on_command)
         self.busy_subscriptions = [busy_subscription(self, Float64MultiArray, command_topic, on_command)]
         apply_realtime_options(self, config.control)
         if self._lockstep:
             # While commands keep coming nothing else is urgent, and each turn of it holds the graph up.
             self.turn_period_s = LOCKSTEP_TURN_PERIOD_S
-            self.create_timer(REPEAT_PERIOD_S, self._repeat)
-            self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False)
+            self.create_timer(REPEAT_PERIOD_S, self._repeat, clock=STEADY)
+            self._coast_timer = self.create_timer(self._period_s, self._coast, autostart=False, clock=STEADY)
         else:
             # In this order: if anything comes between, states look older than they are, not from the future.
-            self._start_ns = self.get_clock().now().nanoseconds
+            self._start_ns = time.time_ns()  # not ROS time: that may be what is published here
             self._pacer = Pacer(self._period_s, time.monotonic(), LONGEST_STALL_S)
             self.pace = self
         self._publish()
@@ -126,6 +135,9 @@ class SimBridgeNode(Node):
         self._stamp_ns = self._start_ns + reading.time_ns
         _, *arrays = reading
         self._states.publish(self._layout.packed(self._stamp_ns, *arrays))
+        if self._clock_pub is not None and self._stamp_ns >= self._clock_due_ns:
+            self._clock_pub.publish(Clock(clock=to_time(self._stamp_ns)))
+            self._clock_due_ns = self._stamp_ns + CLOCK_PERIOD_NS
 
     def _hear(self, take: Callable[[CommandNumbers], None], raw: bytes) -> None:
         """Take a command; what is none, or cannot be used, is ignored."""

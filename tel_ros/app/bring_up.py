@@ -6,8 +6,10 @@ import ctypes
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,8 +19,9 @@ from typing import Any
 
 import psutil
 
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError, Interrupted, Interruption
 from tel_ros.core.config import Config
+from tel_ros.local_stop import BRAKE_SIGNAL, ENDED
 
 MODULES = {
     "sim_bridge": "sim_bridge.node",
@@ -51,7 +54,8 @@ def require_simulator() -> None:
 class NodeProcesses:
     """The processes of the graph; use it with ``with``.
 
-    They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor.
+    They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor. The
+    controller hears of Ctrl-C at once, from a thread that the signal wakes up.
 
     Args:
         config_file: that every node reads.
@@ -71,14 +75,21 @@ class NodeProcesses:
         namespace: str = "/",
     ) -> None:
         self._config_file, self._names, self._log_folder = config_file, names, log_folder
-        # Whoever starts the nodes here makes the report by themselves.
-        self._more = ["-r", f"__ns:={namespace}", "-p", "report:=false"]
+        # Whoever starts the nodes makes the report by themselves. A node's log has what rcl would write
+        # into a file of its own, in a folder that need not be there.
+        self._more = ["-r", f"__ns:={namespace}", "-p", "report:=false", "--disable-external-lib-logs"]
         self._more += ["-p", "resume:=true"] if resume else []
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._woken: tuple[socket.socket, socket.socket] | None = None
 
     def __enter__(self) -> NodeProcesses:
         """Start the nodes."""
         self._log_folder.mkdir(parents=True, exist_ok=True)
+        if threading.current_thread() is threading.main_thread():
+            ours, kernels = self._woken = socket.socketpair()
+            kernels.setblocking(False)
+            signal.set_wakeup_fd(kernels.fileno(), warn_on_full_buffer=False)
+            threading.Thread(target=self._hear_signals, args=(ours,), daemon=True).start()
         try:
             for name in self._names:
                 self._processes[name] = self._start(name)
@@ -87,9 +98,13 @@ class NodeProcesses:
             raise
         return self
 
-    def __exit__(self, *error: object) -> None:
-        """End the nodes."""
-        self.stop()
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: object) -> None:
+        """End the nodes; an error, or Ctrl-C, then tells what was seen meanwhile."""
+        seen = self.stop()
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted(seen) from None
+        if isinstance(error, GraphError) and "ep_controller" in self._processes:
+            raise GraphError(f"{error}; {seen}", error.exit_code) from None
 
     @property
     def pids(self) -> dict[str, int]:
@@ -105,10 +120,48 @@ class NodeProcesses:
                 exit_code = EXIT_BAD_INPUT if code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
                 raise GraphError(f"node {name} {how}{self._last_words(name)}", exit_code)
 
-    def stop(self) -> None:
-        """End all nodes, the controller before the arm so that it can bring a moving arm to rest."""
-        for process in reversed(self._processes.values()):
-            end_process(process, signal.SIGINT, _END_TIMEOUT_S)
+    def brake(self) -> None:
+        """Have the controller brake before anything else happens, and the run end."""
+        for name, number in (("ep_controller", BRAKE_SIGNAL), ("practice_manager", signal.SIGINT)):
+            if process := self._processes.get(name):
+                process.send_signal(number)
+
+    def stop(self) -> str:
+        """End all nodes, the controller before the arm so that it can bring a moving arm to rest.
+
+        Returns:
+            What was seen of the arm, and of the nodes.
+        """
+        Interruption.held = True
+        try:
+            self.brake()
+            names = reversed(self._processes)
+            killed = [name for name in names if not end_process(self._processes[name], signal.SIGINT)]
+        finally:
+            Interruption.held = False
+        if self._woken:
+            signal.set_wakeup_fd(-1)
+            self._woken[1].close()
+            self._woken = None
+        ended = (
+            f"{' and '.join(killed)} did not end and had to be killed" if killed else "all nodes have ended"
+        )
+        return f"{self._seen_of_arm()}{ended}"
+
+    def _hear_signals(self, woken: socket.socket) -> None:
+        with woken:
+            while number := woken.recv(1):
+                if number[0] in Interruption.SIGNALS:
+                    self.brake()
+
+    def _seen_of_arm(self) -> str:
+        if "ep_controller" not in self._processes:
+            return ""
+        said = (self._log_folder / "ep_controller.log").read_text(errors="replace")
+        if not said:
+            return "the controller had not started yet, "
+        told = said.rpartition(ENDED)[2].strip() if ENDED in said else ""
+        return f"{told or 'ep_controller has not told whether the arm is at rest'}, "
 
     def _start(self, name: str) -> subprocess.Popen[bytes]:
         # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
@@ -137,16 +190,24 @@ def die_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def end_process(process: subprocess.Popen[Any], number: signal.Signals, timeout_s: float) -> None:
-    """Send a signal to a process, and kill it with all that it has started unless it ends in time."""
+def end_process(
+    process: subprocess.Popen[Any], number: signal.Signals, timeout_s: float = _END_TIMEOUT_S
+) -> bool:
+    """Send a signal to a process, and kill it with all that it has started unless it ends in time.
+
+    Returns:
+        Whether it has ended in time.
+    """
     if process.poll() is not None:
-        return
+        return True
     process.send_signal(number)
     try:
         process.wait(timeout_s)
+        return True
     except subprocess.TimeoutExpired:
         parent = psutil.Process(process.pid)
         for each in [*parent.children(recursive=True), parent]:
             with suppress(psutil.NoSuchProcess):
                 each.kill()
         process.wait()
+        return False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import click
 
 from tel_ros import __version__
@@ -15,6 +17,8 @@ COMMANDS = {
     "practice": "tel_ros.app.practice_command:practice",
     "replay": "tel_ros.app.replay_command:replay",
     "report": "tel_ros.app.report.command:report",
+    "reset": "tel_ros.app.stop_command:reset",
+    "stop": "tel_ros.app.stop_command:stop",
     "train": "tel_ros.app.train:train",
     "view": "tel_ros.app.view.command:view",
 }
@@ -23,7 +27,8 @@ COMMANDS = {
 
 @click.group(
     cls=CommandGroup,
-    places=lambda: extensions("tel_ros.commands") | COMMANDS,
+    own=COMMANDS,
+    places=partial(extensions, "tel_ros.commands"),
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__, prog_name="tel")
@@ -34,6 +39,7 @@ def main() -> None:
     tel configs                         the configurations to start from
     tel practice planar_arm             a practice run: slow at first, faster with each trial
     tel practice --resume bags/RUN      resume one that was interrupted
+    tel stop                            brake the arm now, from any terminal; `tel reset` ends the stop
     tel report bags/RUN                 its report again; several runs side by side
     tel check my_arm.yaml               does the arm match its configuration? before it moves far
     tel compare planar_arm              other methods beside it: one table, one figure

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
+from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 import click
@@ -40,7 +43,9 @@ _COMES_WITH = {
 
 def extensions(group: str) -> dict[str, str]:
     """Return the name and the place ("module:attribute") of everything that packages offer in a group."""
-    places = {point.name: point.value for point in entry_points(group=group)}
+    from importlib import metadata  # late: `tel stop` has no time for what is not its own
+
+    places = {point.name: point.value for point in metadata.entry_points(group=group)}
     if find_spec(_LABORATORY) is None:
         # Installed once, but not there: a checkout without it.
         return {name: place for name, place in places.items() if not place.startswith(f"{_LABORATORY}.")}
@@ -49,28 +54,33 @@ def extensions(group: str) -> dict[str, str]:
 
 def load(place: str) -> Any:
     """Return what is at a place ("module:attribute")."""
-    return EntryPoint(name="", value=place, group="").load()
+    module, _, name = place.partition(":")
+    return attrgetter(name)(import_module(module))
 
 
 class LazyGroup(click.Group):
     """A group that imports a command only when it is asked for.
 
-    ``places`` returns the name and the place ("module:attribute") of each command.
+    ``own`` has the name and the place ("module:attribute") of each command; ``places`` returns more.
     """
 
     def __init__(
-        self, *args: Any, places: Callable[[], Mapping[str, str]] = dict[str, str], **kwargs: Any
+        self,
+        *args: Any,
+        own: Mapping[str, str] = MappingProxyType({}),
+        places: Callable[[], Mapping[str, str]] = dict[str, str],
+        **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self._places = places
+        self._own, self._places = own, places
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
-        return sorted({*super().list_commands(ctx), *self._places()})
+        return sorted({*super().list_commands(ctx), *self._own, *self._places()})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command; one that cannot be imported ends with the reason when it is run."""
-        place = self._places().get(cmd_name)
+        place = self._own.get(cmd_name) or self._places().get(cmd_name)
         if place is None:
             return super().get_command(ctx, cmd_name)
         try:
@@ -95,6 +105,9 @@ class CommandGroup(LazyGroup):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")  # not every terminal has an α
         try:
             with warnings.catch_warnings():
                 warnings.showwarning = _one_line

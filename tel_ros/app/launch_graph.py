@@ -98,8 +98,11 @@ class LaunchGraph:
     def practice(self, config: Config, config_file: Path) -> list[ExecuteProcess]:
         """Return the actions that start our nodes, and the one that asks for a run, if any."""
         given: list[Any] = [{"config": str(config_file)}, *filter(None, [self._params_file])]
+        # Without a simulator of somebody else's, nobody else publishes the time that the nodes are to go by.
+        clock = [{"sim.publish_clock": True}] if self._sim_time else []
         actions: list[ExecuteProcess] = [
-            self.node("tel_ros", name, given, name=name) for name in node_names(config)
+            self.node("tel_ros", name, [*given, *(clock if name == "sim_bridge" else [])], name=name)
+            for name in node_names(config)
         ]
         if self._run_dir:
             goal = f'{{run_dir: "{Path(self._run_dir).resolve()}"}}'

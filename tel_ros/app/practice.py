@@ -17,7 +17,7 @@ from rclpy.task import Future
 from tel_interfaces.action import Practice
 
 from tel_ros.app.bring_up import NodeProcesses, node_names, require_simulator
-from tel_ros.app.errors import GraphError
+from tel_ros.app.errors import GraphError, Interruption
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.tracking import Limits
 from tel_ros.core.errors import ConfigError, TrajectoryError
@@ -26,6 +26,7 @@ from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialGoal
+from tel_ros.nodes.runner import start_ros
 from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording import topics
 from tel_ros.recording.new_network import new_network
@@ -91,7 +92,7 @@ def practise(
         ConfigError, InputFileError: something about the run is wrong; nothing has moved.
         ModuleNotFoundError: PyBullet is missing, which the simulated arm needs; nothing was started.
         GraphError: a graph is running already, a node died or did not come up; the graph is down.
-        KeyboardInterrupt: passed on after the arm was brought to rest and the graph taken down.
+        Interrupted: by a signal, after the graph was taken down; says what was seen of the arm.
     """
     check_before_moving(config)
     with _client_node(config, namespace) as node:
@@ -128,7 +129,7 @@ def _client_node(config: Config, namespace: str) -> Iterator[Node]:
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    start_ros()
     try:
         node = Node("tel", namespace=namespace)
         executor = SingleThreadedExecutor()
@@ -172,6 +173,7 @@ def _run(
             end = time.monotonic() + timeout_s
             while not done():
                 executor.spin_once(timeout_sec=0.1)
+                Interruption.check()
                 nodes.check()
                 if time.monotonic() > end:
                     raise GraphError(f"{what} within {timeout_s:.0f} s; see the logs in {logs}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -22,6 +21,7 @@ from tel_ros.app.errors import (
     EXIT_INTERRUPTED,
     EXIT_NOT_COMPLETED,
     GraphError,
+    Interruption,
     end,
 )
 from tel_ros.app.tables import show, trial_table
@@ -83,13 +83,11 @@ def practice(
         given = ", ".join(name for name, value in ignored.items() if value)
         expected = f"--resume {resumed} alone: a run goes on as its run.yaml says, into its own folder"
         end(f"{given} given with --resume; expected {expected}", EXIT_BAD_INPUT)
+    Interruption.watch()
     # Imported late: `tel --help` and `tel report` need no ROS.
+    from tel_ros.nodes.robot_description import description_in  # isort: skip - first: whether ROS can start
     from tel_ros.app.practice import practise, resume
-    from tel_ros.nodes.robot_description import description_in
 
-    # Also where a script has started this in the background, which makes it ignore SIGINT: an arm is moving.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
     try:
         beside = beside_run(with_view, _PROGRESS, namespace)
         if resumed is not None:
@@ -105,9 +103,8 @@ def practice(
                 result = practise(config, folder, progress.update, beside, namespace)
     except GraphError as error:
         end(f"{error}{_left(folder)}", error.exit_code)
-    except KeyboardInterrupt:
-        ended = "interrupted: the arm was brought to rest and all nodes have ended"
-        end(f"{ended}{_left(folder)}", EXIT_INTERRUPTED)
+    except KeyboardInterrupt as seen:
+        end(f"interrupted: {str(seen) or 'no node was running'}{_left(folder)}", EXIT_INTERRUPTED)
     try:
         summary = read_summary(folder)
     except TelError as error:  # a full disk may have left none

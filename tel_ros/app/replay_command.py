@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import signal
 import sys
 import termios
 import tty
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tel_ros.app.config_argument import namespace_option
-from tel_ros.app.errors import EXIT_INTERRUPTED, end
+from tel_ros.app.errors import EXIT_INTERRUPTED, Interruption, end
 from tel_ros.core.errors import TelError, counted
 
 if TYPE_CHECKING:
@@ -72,9 +71,7 @@ def replay(
     from tel_ros.recording.replay import Replay, ReplayOptions
     from tel_ros.recording.trial_bag import check_sums
 
-    # Also where a script has started this in the background, which makes it ignore SIGINT.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    Interruption.watch()
     try:
         options = ReplayOptions(
             rate=rate, start_offset_s=start_offset_s, patterns=patterns, states_to_nodes=states_to_nodes

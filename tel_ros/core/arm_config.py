@@ -179,6 +179,8 @@ class SimConfig(Checked):
     Only a driver can tell late commands: docs/arm-contract.md."""
     lockstep_timeout_s: Positive = 2.0
     """How long (wall clock) lockstep waits for the command to a moving arm before it counts as silence."""
+    publish_clock: bool = False
+    """Whether to publish the arm's time on ``/clock``, for nodes with ``use_sim_time``."""
     gui: bool = False
     """Whether to show the arm in a window."""
 

@@ -24,6 +24,7 @@ from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
+from tel_ros.nodes.runner import start_ros
 from tel_ros.recording import topics
 
 HEAR_ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1000)
@@ -49,7 +50,7 @@ class ArmClient(AbstractContextManager["ArmClient"]):
         """Lists of names that have come."""
         self.malformed = 0
         """Messages whose fields do not fit together."""
-        rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        start_ros()
         self.node = Node("tel_check", namespace=namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

@@ -15,6 +15,7 @@ from tel_ros.core.control.guard import AwakeClock, CommandGuard
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.types import NS_PER_S
+from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import command_reader, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
@@ -56,7 +57,7 @@ class ArmGuardNode(Node):
                 busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state),
             ]
             self.get_logger().info(f"watches {self._channel.topic}")
-        self.create_timer(0.02, self._watch_states)
+        self.create_timer(0.02, self._watch_states, clock=STEADY)
         self._diagnostics = Diagnostics(self, "command watch", config.arm.name, self._health)
 
     def stop(self) -> None:

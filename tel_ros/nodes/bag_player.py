@@ -14,13 +14,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from tel_ros.core.errors import TelError
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_time
+from tel_ros.nodes.runner import start_ros
 from tel_ros.recording import topics
 from tel_ros.recording.replay import PREFIX, Replay, ReplayedTopic, ReplaySchedule
 
@@ -79,7 +79,7 @@ class BagPlayer:
         self._next_clock_s = 0.0
         self._publishers: dict[str, Publisher] = {}
         self._feeds_nodes = any(topic.name == topics.JOINT_STATES for topic in replay.topics)
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         # Two replays may run side by side.
         self.node = Node(f"bag_player_{os.getpid()}", namespace=namespace, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -13,11 +15,14 @@ from std_srvs.srv import Trigger
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import TrialResult
 
+from tel_ros import local_stop
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.errors import StateError, TelError, TrajectoryError
 from tel_ros.core.trial import Outcome, TrialReport
+from tel_ros.local_stop import Answer
 from tel_ros.nodes import qos
+from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.conversions import to_goal, to_result_message
 from tel_ros.recording import topics
 from tel_ros.recording.trial_result import timing_fields
@@ -61,7 +66,7 @@ class TrialServer:
             cancel_callback=self._cancel,
         )
         self.destroy = self._server.destroy
-        node.create_timer(0.2, self._publish_feedback)
+        node.create_timer(0.2, self._publish_feedback, clock=STEADY)
 
     @property
     def busy(self) -> bool:
@@ -142,7 +147,8 @@ def _end_goal(goal_handle: ServerGoalHandle, result: TrialResult) -> ExecuteTria
 class SafetyServices:
     """The emergency stop in software: latched until it is reset, and told on a latched topic.
 
-    ``why_not_reset`` tells why a reset has to wait; empty: it need not.
+    Asked for by services, and on the same computer without ROS (``tel stop``): :meth:`serve` has to be called
+    often. ``why_not_reset`` tells why a reset has to wait; empty: it need not.
     """
 
     def __init__(
@@ -153,30 +159,43 @@ class SafetyServices:
         """Why the stop is latched; empty: it is not."""
         self._stopped_pub = node.create_publisher(Bool, topics.SAFETY_STOPPED, qos.LATCHED)
         self._tell()
-        self.stop_name = node.create_service(Trigger, topics.SAFETY_STOP, self._stop).service_name
-        self.reset_name = node.create_service(Trigger, topics.SAFETY_RESET, self._reset).service_name
+        self.stop_name, self.reset_name = (
+            node.create_service(Trigger, name, partial(_answered, act)).service_name
+            for name, act in ((topics.SAFETY_STOP, self._stop), (topics.SAFETY_RESET, self._reset))
+        )
         """Full names of the services."""
+        me = local_stop.Controller(node.context.get_domain_id(), os.getpid(), node.get_namespace())
+        self.serve: Callable[[], None] = lambda: None
+        try:
+            answers = {local_stop.STOP: self._stop, local_stop.RESET: self._reset}
+            self.serve = local_stop.Listener(me, answers).serve
+        except OSError as error:
+            node.get_logger().warning(f"`tel stop` has to take the way through the network here: {error}")
 
     def _tell(self) -> None:
         self._stopped_pub.publish(Bool(data=bool(self.reason)))
 
-    def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _stop(self) -> Answer:
         self.reason = f"emergency stop ({self.stop_name})"
         self._controller().stop_for(self.reason)  # also if it is latched: asking twice is asking to stop
         self._tell()
         self._node.get_logger().error(f"{self.reason}: latched until {self.reset_name}")
-        response.success, response.message = True, f"stopped until {self.reset_name}"
-        return response
+        return Answer(True, f"stopped until {self.reset_name}")
 
-    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> Answer:
         why_not = self._why_not_reset() if self.reason else "no stop is latched"
         if why_not:
-            response.message = f"not reset: {why_not}"
-            self._node.get_logger().warning(response.message)
-            return response
+            self._node.get_logger().warning(f"not reset: {why_not}")
+            return Answer(False, f"not reset: {why_not}")
         self.reason = ""
         self._controller().reset_stop()
         self._tell()
-        response.success, response.message = True, "reset: trials are accepted again"
-        self._node.get_logger().info(response.message)
-        return response
+        self._node.get_logger().info("reset: trials are accepted again")
+        return Answer(True, "reset: trials are accepted again")
+
+
+def _answered(
+    act: Callable[[], Answer], request: Trigger.Request, response: Trigger.Response
+) -> Trigger.Response:
+    response.success, response.message = act()
+    return response

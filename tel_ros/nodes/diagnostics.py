@@ -15,6 +15,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from tel_ros.nodes import qos
+from tel_ros.nodes.clock import STEADY
 from tel_ros.recording import topics
 
 PERIOD_S = 1.0
@@ -61,7 +62,7 @@ class Diagnostics:
         self._pub = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.EVENTS)
         self._said: tuple[Level, str] | None = None
         self._next_at = 0.0
-        node.create_timer(0.1, self._look, callback_group=group)
+        node.create_timer(0.1, self._look, callback_group=group, clock=STEADY)
 
     def _look(self) -> None:
         health = self._health()

@@ -18,7 +18,9 @@ from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.trial import Outcome
+from tel_ros.local_stop import ENDED
 from tel_ros.nodes import qos
+from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
 from tel_ros.nodes.controller_services import SafetyServices, TrialServer
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
@@ -33,6 +35,7 @@ from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
+NOTHING_MOVED = "the controller has not moved the arm"
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -71,6 +74,7 @@ class EpControllerNode(ManagedNode):
         self._estimated: tuple[str, ...] = ()
         self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
+        self._seen_at_end = NOTHING_MOVED
         self._control_state = ControlStateLayout(len(self._joints))
         # Where the arm waits for commands, how fast they come says nothing about the trial.
         self._timer = None if waits else LoopTimer(control.rate_hz, round(TIMED_S * control.rate_hz))
@@ -83,14 +87,15 @@ class EpControllerNode(ManagedNode):
         self._states = RateMeter()
         states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
         self.busy_subscriptions, self._states_topic = [states], str(states.topic_name)
-        self.create_timer(0.02, self._watch)
+        self.create_timer(0.02, self._watch, clock=STEADY)
         self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
-        self.create_timer(0.1, self._publish_ready)
+        self.create_timer(0.1, self._publish_ready, clock=STEADY)
         self._trials = TrialServer(self, self._joints, lambda: self._controller, self._obstacle, self._timer)
         self._safety = SafetyServices(self, lambda: self._controller, self._why_not_reset)
+        self.serve = self._safety.serve
         self._diagnostics = Diagnostics(self, "control loop", arm.name, self._health)
         # The first line that a process logs takes rclpy tens of milliseconds (it goes through all modules for
         # the caller): now, not in the first tick of a trial.
@@ -159,6 +164,7 @@ class EpControllerNode(ManagedNode):
     def destroy_node(self) -> None:
         """Command the last effort, then go."""
         self._release(hold=self._holds_at_the_end and self._controller.at_final_effort)
+        self.get_logger().info(f"{ENDED}{self._seen_at_end}")
         self._trials.destroy()
         super().destroy_node()
 
@@ -252,6 +258,7 @@ class EpControllerNode(ManagedNode):
         """Shut the channel, after a last command of zero effort unless the last one is to stay."""
         if not self._acts:
             return
+        self._seen_at_end = self._what_is_seen()
         if self._controller.safety.last_nm.any() and not hold:
             self._publish_zero()
         self._channel.shut()
@@ -260,6 +267,16 @@ class EpControllerNode(ManagedNode):
         self._controller = self._make_controller()
         if self._safety.reason:
             self._controller.stop_for(self._safety.reason)
+
+    def _what_is_seen(self) -> str:
+        """Say what the states tell of the arm that is about to be left."""
+        if self._seen is None or not self._states_are_fresh():
+            return "no joint states came at the end: whether the arm rests was not seen"
+        if self._rests or (self._controller.at_final_effort and not self._moves()):
+            return "the arm is at rest"
+        fastest = int(np.abs(self._seen.velocity_rad_s).argmax())
+        speed_rad_s = abs(self._seen.velocity_rad_s[fastest])
+        return f"the arm was not seen at rest: {self._joints[fastest]} moves at {speed_rad_s:.2f} rad/s"
 
     def _states_are_fresh(self) -> bool:
         return time.monotonic() - self._last_state_at < self._state_timeout_s
@@ -285,6 +302,8 @@ class EpControllerNode(ManagedNode):
 
     def _obstacle(self) -> str:
         """Why no trial can begin now, apart from what the arm does; empty: one can."""
+        if self._ending:
+            return "the node is ending"
         if not self._acts:
             return (
                 f"{self.get_name()} is {self.lifecycle_state}; expected active "

@@ -27,6 +27,7 @@ from tel_ros.nodes import qos
 PLAIN_EXECUTOR_VARIABLE = "TEL_ROS_PLAIN_EXECUTOR"
 TURN_PERIOD_S = 0.05
 _IDLE_NS = 20_000_000
+_IDLE_S = 0.2  # Python sees a signal only when it gets a turn
 _TURN_TAKES_S = 0.0005
 _MOST_AT_ONCE = 64
 
@@ -82,14 +83,15 @@ def spin_hot(
         node: whose subscriptions they are; it has been added to the executor.
         executor: for everything else.
         subscriptions: the busy ones, of a :class:`BusyGroup`; empty: the executor does all the work.
-        done: looked at whenever something has happened, and fifty times a second.
+        done: looked at whenever something has happened, and fifty times a second (without busy subscriptions
+            five times).
         batch_s: how long to let messages gather before they are taken together.
         pace: what has to be done in time.
         turn_period_s: how long everything else may wait while messages keep coming. A turn costs 1 to 2 ms.
     """
     if not subscriptions or not serves_itself():
         while not done():
-            executor.spin_once(None if pace is None else _left_s(pace))
+            executor.spin_once(_IDLE_S if pace is None else _left_s(pace))
             if pace is not None:
                 pace.keep()
         return

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -17,6 +16,7 @@ from std_msgs.msg import String
 
 from tel_ros.core.errors import TelError
 from tel_ros.nodes import qos
+from tel_ros.nodes.runner import start_ros
 from tel_ros.recording import topics
 
 TIMEOUT_S = 30.0
@@ -33,7 +33,7 @@ def description_for(node: Node) -> Path:
 def description_in(namespace: str) -> Path:
     """Return a file with the robot description in a namespace; TelError: none comes in time."""
     context = Context()
-    rclpy.init(context=context)
+    start_ros(context=context)
     try:
         return _heard(topics.absolute(topics.ROBOT_DESCRIPTION, namespace), context)
     finally:

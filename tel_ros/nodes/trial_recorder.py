@@ -19,6 +19,7 @@ from tel_interfaces.srv import StartRecording, StopRecording
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
+from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import BusyGroup
@@ -246,7 +247,7 @@ class TrialRecorderNode(Node):
             if not over.done() and (condition() or time.monotonic() > end):
                 over.set_result(None)
 
-        timer = self.create_timer(_CHECK_PERIOD_S, check, callback_group=self._group)
+        timer = self.create_timer(_CHECK_PERIOD_S, check, callback_group=self._group, clock=STEADY)
         await over
         self.destroy_timer(timer)
 

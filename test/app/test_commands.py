@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import metadata
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from tel_ros.core.errors import ConfigError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.shared_files import shipped_configs
 
-NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot"}
-"""Commands that show something until they are stopped, or write one file."""
+NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot", "tel stop", "tel reset"}
+"""Commands that show something until they are stopped, write one file, or tell one thing to a controller."""
 
 
 def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command]]:
@@ -206,7 +207,7 @@ def test_a_command_that_cannot_be_imported_spoils_no_other() -> None:
 
 def test_without_the_laboratory_its_installed_commands_are_absent(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint(name="greet", value="tel_lab.greet:greet", group="tel_ros.commands")
-    monkeypatch.setattr(command_group, "entry_points", lambda group: [point])
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [point])
     monkeypatch.setattr(command_group, "find_spec", lambda name: None)
     assert CliRunner().invoke(main, ["greet"]).exit_code == 2
     assert "greet" not in CliRunner().invoke(main, ["--help"]).output
@@ -214,5 +215,5 @@ def test_without_the_laboratory_its_installed_commands_are_absent(monkeypatch: p
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint(name="theirs", value="tel_ros.app.config_argument:configs", group="tel_ros.commands")
-    monkeypatch.setattr(command_group, "entry_points", lambda group: [point])
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [point])
     assert CliRunner().invoke(main, ["theirs", "--json"]).exit_code == 0

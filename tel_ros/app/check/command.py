@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 from collections import Counter
 from functools import partial
@@ -13,7 +12,7 @@ import click
 from rich.text import Text
 
 from tel_ros.app.config_argument import config_argument, namespace_option
-from tel_ros.app.errors import EXIT_INTERRUPTED, end
+from tel_ros.app.errors import EXIT_INTERRUPTED, Interruption, end
 from tel_ros.app.tables import show, table
 from tel_ros.core.check.checks import worst
 from tel_ros.core.check.evidence import Finding, Verdict
@@ -83,9 +82,7 @@ def check(
     from tel_ros.app.check.run import check_arm
     from tel_ros.nodes.robot_description import description_in
 
-    # Also where a script has started this in the background, which makes it ignore SIGINT: an arm may move.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    Interruption.watch()
 
     def agree(announcement: str) -> bool:
         try:

@@ -105,8 +105,8 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stopping.append(number))
     _require_view()
+    from tel_ros.nodes.robot_description import description_in  # isort: skip - first: whether ROS can start
     from tel_ros.app.view.main import watch
-    from tel_ros.nodes.robot_description import description_in
 
     out = sys.stdout  # kept: what viser prints goes elsewhere
     watch(

@@ -15,7 +15,6 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from tel_interfaces.action import Practice
 from tel_interfaces.msg import TrialGoal
 
@@ -28,6 +27,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.nodes.hot_loop import serve_ready
+from tel_ros.nodes.runner import start_ros
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.urdf import described
 from tel_ros.recording.waypoint_file import load_path
@@ -114,7 +114,7 @@ class LiveView:
 
 @contextlib.contextmanager
 def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     node = Node("tel_view", namespace=namespace)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
