@@ -27,8 +27,8 @@ TOO_FAST_AT_FIRST = (
     "practice.trials=4",
     *("control.path_tolerance_rad=0.35", *COARSE),
 )
-"""The first trial leaves the corridor, so that the run goes back to the network that it began with; four
-trials are not enough for the goal."""
+"""The first trial exceeds the path tolerance, so that the run goes back to the network that it began with;
+four trials are not enough for the goal."""
 
 
 @pytest.mark.timeout(150)

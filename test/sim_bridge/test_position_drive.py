@@ -112,7 +112,7 @@ def test_an_arm_under_gravity_is_learned_through_its_drives() -> None:
     assert not second.trial.saturated.any()
 
 
-def test_a_trial_that_leaves_its_corridor_is_braked_through_set_points_that_do_not_jump() -> None:
+def test_a_trial_beyond_its_path_tolerance_is_braked_through_set_points_that_do_not_jump() -> None:
     config = load_config(
         CONFIG / "planar_arm.yaml", ["arm.command_interface=position", "control.path_tolerance_rad=0.15"]
     )

@@ -109,7 +109,7 @@ def test_a_new_trial_can_start_from_where_the_arm_stopped(scene: Callable[[], Be
     bench = scene()
     bench.finish()
     n, held = len(bench.ticks), bench.ticks[-1].equilibrium_rad
-    report = bench.run(reach(duration_s=3.0, index=2))  # slow enough for the narrow corridor, too
+    report = bench.run(reach(duration_s=3.0, index=2))  # slow enough for the narrow tolerance, too
     assert (report.outcome, report.index, report.message) == (Outcome.COMPLETED, 2, "")
     assert report.ticks == len(bench.ticks) - n
     assert bench.phases(n) == COURSE

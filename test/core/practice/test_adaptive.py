@@ -123,7 +123,7 @@ def test_the_first_step_after_an_abort_is_at_most_half_of_the_one_that_failed() 
 
 @pytest.mark.parametrize("when", [3, 4, 5])
 @pytest.mark.parametrize("abort_rad", [0.1, 0.2, 0.3])
-def test_an_arm_that_has_changed_is_not_driven_out_of_its_corridor_twice_in_a_row(
+def test_an_arm_that_has_changed_is_not_driven_beyond_its_tolerance_twice_in_a_row(
     when: int, abort_rad: float
 ) -> None:
     # The path tolerance at which the made-up arm aborts is three times its RMS error.

@@ -26,38 +26,38 @@ def course_of(*vary: str, **practice: Any) -> Course:
     return Course.configured(PracticeConfig(vary=vary, **practice))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("vary", ORDERS, ids=",".join)
-def test_a_course_begins_with_all_first_values_and_ends_with_the_goal(vary: tuple[str, ...]) -> None:
-    course = course_of(*vary)
-    first = {"duration_s": 4.5, "amplitude": 1.0, "shape": 1.0, "stiffness": 1.0}
-    values = {
-        "speed": {"duration_s": 11.5},
-        "amplitude": {"amplitude": 0.3},
-        "shape": {"shape": 0.0},
-        "stiffness": {"stiffness": 4.0},
-    }
-    for varied in vary:
-        first |= values[varied]
-    assert course.movement(course.first_slowness) == Movement(**first)
-    assert course.movement(course.goal_slowness) == course.goal == Movement(4.5)
+def test_a_course_begins_with_all_first_values_and_ends_with_the_goal() -> None:
+    for vary in ORDERS:
+        course = course_of(*vary)
+        first = {"duration_s": 4.5, "amplitude": 1.0, "shape": 1.0, "stiffness": 1.0}
+        values = {
+            "speed": {"duration_s": 11.5},
+            "amplitude": {"amplitude": 0.3},
+            "shape": {"shape": 0.0},
+            "stiffness": {"stiffness": 4.0},
+        }
+        for varied in vary:
+            first |= values[varied]
+        assert course.movement(course.first_slowness) == Movement(**first)
+        assert course.movement(course.goal_slowness) == course.goal == Movement(4.5)
 
 
-@pytest.mark.parametrize("vary", ORDERS, ids=",".join)
-def test_on_the_way_one_thing_changes_after_the_other_and_never_back(vary: tuple[str, ...]) -> None:
-    course = course_of(*vary)
-    slownesses = np.geomspace(course.first_slowness, course.goal_slowness, 400)
-    movements = [course.movement(float(slowness)) for slowness in slownesses]
-    difficulty = np.array([(1 / m.duration_s, m.amplitude, m.shape, 1 / m.stiffness) for m in movements])
-    steps = np.diff(difficulty, axis=0)
-    assert np.all(steps >= -1e-12)
-    changing = np.abs(steps) > 1e-12
-    order = [VARIED[np.argmax(row)] for row in changing if np.count_nonzero(row) == 1]
-    assert list(dict.fromkeys(order)) == list(vary)
-    # Only the steps that lead from one to the other change two.
-    assert np.count_nonzero(changing.sum(axis=1) > 1) <= len(vary) - 1
-    alphas = [course.alpha(movement) for movement in movements]
-    assert np.all(np.diff(alphas) >= -1e-12)
-    assert alphas[-1] == 1.0
+def test_on_the_way_one_thing_changes_after_the_other_and_never_back() -> None:
+    for vary in ORDERS:
+        course = course_of(*vary)
+        slownesses = np.geomspace(course.first_slowness, course.goal_slowness, 400)
+        movements = [course.movement(float(slowness)) for slowness in slownesses]
+        difficulty = np.array([(1 / m.duration_s, m.amplitude, m.shape, 1 / m.stiffness) for m in movements])
+        steps = np.diff(difficulty, axis=0)
+        assert np.all(steps >= -1e-12)
+        changing = np.abs(steps) > 1e-12
+        order = [VARIED[np.argmax(row)] for row in changing if np.count_nonzero(row) == 1]
+        assert list(dict.fromkeys(order)) == list(vary)
+        # Only the steps that lead from one to the other change two.
+        assert np.count_nonzero(changing.sum(axis=1) > 1) <= len(vary) - 1
+        alphas = [course.alpha(movement) for movement in movements]
+        assert np.all(np.diff(alphas) >= -1e-12)
+        assert alphas[-1] == 1.0
 
 
 def test_if_only_the_speed_varies_the_slowness_is_the_duration_to_the_last_bit() -> None:
@@ -131,19 +131,19 @@ def run(vary: tuple[str, ...], **practice: Any) -> tuple[list[PlannedTrial], End
     return plans, decision
 
 
-@pytest.mark.parametrize("vary", ORDERS, ids=",".join)
-def test_practice_that_chooses_its_steps_gets_along_any_course(vary: tuple[str, ...]) -> None:
-    # 100 N·m·s² / T² stay below the limit of 20 N·m at the goal.
-    plans, ending = run(vary)
-    assert ending.outcome == "completed"
-    course = course_of(*vary)
-    assert plans[0].movement == course.movement(course.first_slowness)
-    alphas = [plan.alpha for plan in plans]
-    assert alphas == sorted(alphas)
-    assert alphas[-1] == pytest.approx(1.0, abs=0.02)
-    assert "4.5 s" in ending.message
-    for varied in set(vary) - {"speed"}:
-        assert varied in ending.message
+def test_practice_that_chooses_its_steps_gets_along_any_course() -> None:
+    for vary in ORDERS:
+        # 100 N·m·s² / T² stay below the limit of 20 N·m at the goal.
+        plans, ending = run(vary)
+        assert ending.outcome == "completed"
+        course = course_of(*vary)
+        assert plans[0].movement == course.movement(course.first_slowness)
+        alphas = [plan.alpha for plan in plans]
+        assert alphas == sorted(alphas)
+        assert alphas[-1] == pytest.approx(1.0, abs=0.02)
+        assert "4.5 s" in ending.message
+        for varied in set(vary) - {"speed"}:
+            assert varied in ending.message
 
 
 def test_the_effort_limit_is_looked_for_along_the_speed_with_the_amplitude_of_that_leg() -> None:
@@ -168,7 +168,7 @@ def test_where_there_is_nothing_easier_an_abort_of_the_first_trial_ends_practice
 @pytest.mark.parametrize(
     ("vary", "expected"),
     [
-        # 0.125 rad of deviation are a quarter of half the corridor: half the slowness would have done.
+        # 0.125 rad of deviation are a quarter of half the tolerance: half the slowness would have done.
         (("amplitude", "speed"), Movement(11.5, amplitude=1.0)),
         (("stiffness", "speed"), Movement(11.5, stiffness=1.0)),
         # How easy one path is says nothing about another one.
