@@ -1,4 +1,4 @@
-"""Trials without ROS: the same as those of the ROS graph, repeatable, and safe to go on from."""
+"""Trials without ROS: repeatable, and safe to go on from."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
 
 from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_ros.core.config import Config
@@ -19,17 +17,13 @@ from tel_ros.core.learning.signals import learning_record
 from tel_ros.core.practice.strategy import Movement, PlannedTrial
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import waypoint_path
-from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
+from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal
-from tel_ros.core.types import NS_PER_S
-from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
-from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.waypoint_file import load_path
 
 ROOT = Path(__file__).parents[2]
-SAMPLE_RUN = ROOT / "bags" / "sample_run"
 GRAPH_RMS_RAD = [
     *(0.0681, 0.0049, 0.0029, 0.0022, 0.0020, 0.0019, 0.0022, 0.0029),
     *(0.0042, 0.0056, 0.0087, 0.0134, 0.0213, 0.0336, 0.0544),
@@ -87,8 +81,14 @@ def test_equal_configurations_give_bit_identical_ticks(make_arm: MakeArm) -> Non
     assert trials[0].report.outcome == Outcome.COMPLETED
 
 
-def test_a_trial_goes_through_all_phases_with_a_row_for_each_tick(make_arm: MakeArm) -> None:
-    trial = make_arm().run_trial(goal())
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    """The paper's path in 3 s."""
+    with OfflineArm(config()) as arm:
+        return arm.run_trial(goal())
+
+
+def test_a_trial_goes_through_all_phases_with_a_row_for_each_tick(trial: Trial) -> None:
     n = trial.report.ticks
     assert list(dict.fromkeys(trial.phase)) == [Phase.APPROACH, Phase.SETTLE, Phase.RUN, Phase.HOLD]
     for field in fields(Trial):
@@ -99,8 +99,7 @@ def test_a_trial_goes_through_all_phases_with_a_row_for_each_tick(make_arm: Make
     assert trial.report.rms_error_rad == pytest.approx(np.sqrt(np.mean(error_rad**2)))
 
 
-def test_signals_are_the_ticks_from_the_start_posture_on(make_arm: MakeArm) -> None:
-    trial = make_arm().run_trial(goal())
+def test_signals_are_the_ticks_from_the_start_posture_on(trial: Trial) -> None:
     rows = trial.phase != Phase.APPROACH
     signals = learning_record(trial)
     np.testing.assert_array_equal(signals.time_ns, trial.time_ns[rows])
@@ -138,12 +137,12 @@ def test_a_goal_that_the_arm_must_not_follow_moves_nothing(make_arm: MakeArm) ->
 
 def test_another_arm_takes_over_the_posture_and_time_goes_on(make_arm: MakeArm) -> None:
     arm = make_arm()
-    light = arm.run_trial(goal(1, 6.0))
+    light = arm.run_trial(goal(1, 4.5))
     posture_rad = arm.plant.true_position_rad
     arm.replace_arm(replace(config().sim, payload_kg=1.0))
     assert arm.plant.true_position_rad == posture_rad
     assert arm.plant.true_velocity_rad_s == (0.0, 0.0)
-    heavy = arm.run_trial(goal(2, 6.0))
+    heavy = arm.run_trial(goal(2, 4.5))
     assert heavy.time_ns[0] == light.time_ns[-1] + 2_000_000
     assert heavy.report.rms_error_rad > 1.2 * light.report.rms_error_rad
 
@@ -198,11 +197,11 @@ def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unles
     )
     with pytest.raises(TrainingError, match=r"clipped, .* in 2193 of the 2251 ticks of RUN, which leaves 0"):
         make_practice(*weak).run()
-    practice = make_practice(*weak, "practice.on_abort=continue", "practice.trials=2")
+    practice = make_practice(*weak, "practice.on_abort=continue", "practice.trials=1")
     learner = practice.learner
-    for practised in practice.run():
-        assert practised.trial.report.outcome == Outcome.COMPLETED
-        assert practised.training is None
+    (practised,) = practice.run()
+    assert practised.trial.report.outcome == Outcome.COMPLETED
+    assert practised.training is None
     assert practice.learner is learner
 
 
@@ -278,9 +277,9 @@ def test_a_part_of_the_path_is_approached_and_practised_from_rest_to_rest(
 def test_a_smaller_movement_stays_near_the_first_posture(make_practice: MakePractice) -> None:
     practice = make_practice()
     reach_rad = []
-    for index, amplitude in ((1, 1.0), (2, 0.25)):
-        trial = practice.run_trial(planned(Movement(9.0, amplitude=amplitude), index)).trial
-        desired_rad = trial.desired[trial.phase == Phase.RUN][:, :2]
+    for amplitude in (1.0, 0.25):
+        movement = Movement(9.0, amplitude=amplitude)
+        desired_rad = practice.session.commanded(planned(movement)).goal.desired.position_rad
         reach_rad.append(np.abs(desired_rad - desired_rad[0]).max(axis=0))
     np.testing.assert_allclose(reach_rad[1], 0.25 * reach_rad[0], rtol=1e-9)
 
@@ -294,11 +293,12 @@ def test_practice_goes_from_the_known_path_to_the_goal(open_arms: ExitStack) -> 
     )
     path, known = load_path(asked.path, asked.arm), waypoint_path("line", np.array([[0.2, 1.0], [0.8, 1.4]]))
     practice = open_arms.enter_context(OfflinePractice(asked, path, new_network(asked), known))
-    first, last = practice.run()
-    run = first.trial.phase == Phase.RUN
-    np.testing.assert_allclose(first.trial.desired[run][[0, -1], :2], [[0.2, 1.0], [0.8, 1.4]], atol=1e-6)
-    run = last.trial.phase == Phase.RUN
-    np.testing.assert_allclose(last.trial.desired[run][0, :2], path.evaluate(np.zeros(1))[0][0], atol=1e-9)
+    first, last = (
+        practice.session.commanded(planned(movement)).goal.desired.position_rad
+        for movement in practice.session.strategy.preview()
+    )
+    np.testing.assert_allclose(first[[0, -1]], [[0.2, 1.0], [0.8, 1.4]], atol=1e-6)
+    np.testing.assert_allclose(last[0], path.evaluate(np.zeros(1))[0][0], atol=1e-9)
 
 
 def test_the_shape_cannot_vary_without_a_known_path(make_practice: MakePractice) -> None:
@@ -306,63 +306,3 @@ def test_the_shape_cannot_vary_without_a_known_path(make_practice: MakePractice)
     with pytest.raises(ConfigError, match="known path"):
         practice.run_trial(planned(Movement(9.0, shape=0.5)))
     assert practice.arm.plant.time_ns == 0
-
-
-def recorded(bag: Path, topic: str) -> list[Any]:
-    with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if topics.is_named(c.topic, topic)]
-        return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
-
-
-def recorded_goal(bag: Path) -> TrialGoal:
-    (message,) = recorded(bag, topics.TRIAL_GOAL)
-    rows = [
-        np.array(getattr(message, name)).reshape(len(message.time_ns), -1)
-        for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "equilibrium_rad")
-    ]
-    return TrialGoal(
-        message.trial, message.alpha, DesiredTrajectory(np.array(message.time_ns), *rows[:3]), rows[3]
-    )
-
-
-@pytest.mark.parametrize("n_trials", [1, 2])
-def test_the_ros_graph_and_the_same_trials_offline_agree_message_by_message(n_trials: int) -> None:
-    """The bags were recorded by the whole graph in lockstep; trial 2 begins where trial 1 has ended."""
-    bags = [SAMPLE_RUN / f"trial_{k:03d}" for k in range(1, n_trials + 1)]
-    with OfflineArm(load_config(SAMPLE_RUN / "run.yaml")) as arm:
-        trial = [arm.run_trial(recorded_goal(bag)) for bag in bags][-1]
-        end = arm.plant.reading()
-
-    from_bag = read_trial(bags[-1])
-    for field in fields(Trial):
-        if field.name != "report":
-            np.testing.assert_array_equal(getattr(from_bag, field.name), getattr(trial, field.name))
-    (result,) = recorded(bags[-1], topics.TRIAL_RESULT)
-    for name in ("index", "outcome", "message", "ticks", "rms_error_rad", "max_error_rad"):
-        assert getattr(result, name) == getattr(trial.report, name)
-
-    commands = recorded(bags[-1], topics.EFFORT_COMMANDS)
-    np.testing.assert_array_equal([command.data for command in commands], trial.effort_nm)
-
-    # The last state is the one that the last command has led to. The very first one of the run was there
-    # before the recorder listened.
-    states = recorded(bags[-1], topics.JOINT_STATES)
-    assert len(states) >= len(trial.time_ns)
-    rows = slice(-len(states), None)
-    stamps_ns = [state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec for state in states]
-    assert stamps_ns == [*trial.time_ns, end.time_ns][rows]
-    for name, offline, last in (
-        ("position", trial.position_rad, end.position_rad),
-        ("velocity", trial.velocity_rad_s, end.velocity_rad_s),
-    ):
-        np.testing.assert_array_equal([getattr(s, name) for s in states], np.vstack([offline, last])[rows])
-    acted_nm = [state.effort for state in states[-len(trial.time_ns) :]]
-    np.testing.assert_array_equal(acted_nm, trial.effort_nm)
-
-
-def test_signals_offline_are_those_that_are_read_from_the_bag() -> None:
-    with OfflineArm(load_config(SAMPLE_RUN / "run.yaml")) as arm:
-        offline = learning_record(arm.run_trial(recorded_goal(SAMPLE_RUN / "trial_001")))
-    from_bag = learning_record(read_trial(SAMPLE_RUN / "trial_001"))
-    for field in fields(offline):
-        np.testing.assert_array_equal(getattr(from_bag, field.name), getattr(offline, field.name))

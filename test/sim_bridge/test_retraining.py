@@ -28,8 +28,8 @@ SHORT = (
     *("learning.gaussians_per_input=5", "control.settle_time_s=0.2"),
 )
 RUNS = {
-    "lms": ("paper.yaml", "practice.trials=3"),
-    "lms in sqlite3": ("paper.yaml", "practice.trials=3", "recording.storage=sqlite3"),
+    "lms": ("paper.yaml", "practice.trials=2"),
+    "lms in sqlite3": ("paper.yaml", "practice.trials=2", "recording.storage=sqlite3"),
     # Learns from trial 1, which is aborted, and goes back to the network that it began with.
     "adaptive": (
         "planar_arm.yaml",
