@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 
@@ -17,11 +17,11 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 
-from tel_ros.core.check.evidence import Endpoint, StateRecord
-from tel_ros.core.check.pulses import Program
+from tel_ros.core.check.evidence import Endpoint, Heard, StateRecord
+from tel_ros.core.check.pulses import Course
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.nodes.command_channel import CommandChannel
+from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.nodes.hot_loop import BusyGroup, spin_hot
 from tel_ros.nodes.runner import start_ros
@@ -29,23 +29,24 @@ from tel_ros.recording import topics
 
 HEAR_ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1000)
 """For a check: every state counts, and a publisher that offers best effort only is to be heard, too."""
-Row = tuple[float, int, float, FloatArray, FloatArray, FloatArray]
+LOOK_PERIOD_S = 0.1
 
 
 class ArmClient(AbstractContextManager["ArmClient"]):
     """Hears all joint states; commands efforts only while :meth:`run` runs. Use it with ``with``.
 
     There is no publisher of commands before the first :meth:`open_channel`: who only listens cannot command.
-    ``still_there`` is called in every turn and raises if it makes no sense to go on.
     """
 
-    def __init__(
-        self, joints: Sequence[str], still_there: Callable[[], None] = lambda: None, namespace: str = "/"
-    ) -> None:
-        self._joints, self._still_there = tuple(joints), still_there
-        self._rows: list[Row] = []
-        self._program: Program | None = None
+    def __init__(self, joints: Sequence[str], namespace: str = "/") -> None:
+        self._joints = tuple(joints)
+        self.still_there: Callable[[], None] = lambda: None
+        """Called in every turn; raises if it makes no sense to go on."""
+        self._rows: list[Heard] = []
+        self._course: Course | None = None
         self._channel: tuple[CommandChannel, SafetyLayer] | None = None
+        self._rivals: CompetingPublishers | None = None
+        self._look_s = 0.0
         self.names: set[tuple[str, ...]] = set()
         """Lists of names that have come."""
         self.malformed = 0
@@ -73,17 +74,13 @@ class ArmClient(AbstractContextManager["ArmClient"]):
 
     def states(self, since_s: float = -math.inf) -> StateRecord:
         """Return the states that have arrived since a time and name all joints."""
-        rows = self._rows[bisect_left(self._rows, since_s, key=lambda row: row[0]) :]
-        n = (len(rows), len(self._joints))
-        columns = list(zip(*rows, strict=True)) or [()] * 6
-        received, stamps, ages, *fields = columns
-        return StateRecord(
-            self._joints,
-            np.array(received, dtype=np.float64),
-            np.array(stamps, dtype=np.int64),
-            np.array(ages, dtype=np.float64),
-            *(np.array(field, dtype=np.float64).reshape(n) for field in fields),
-        )
+        begin = bisect_left(self._rows, since_s, key=lambda row: row.received_s)
+        return StateRecord.of(self._joints, self._rows[begin:])
+
+    @property
+    def newest(self) -> Heard:
+        """The newest state; there has to be one."""
+        return self._rows[-1]
 
     def spin_for(self, duration_s: float) -> None:
         """Listen for a while."""
@@ -96,7 +93,7 @@ class ArmClient(AbstractContextManager["ArmClient"]):
 
         def over() -> bool:
             nonlocal came
-            self._still_there()
+            self.still_there()
             came = done()
             return came or time.monotonic() > end
 
@@ -108,50 +105,62 @@ class ArmClient(AbstractContextManager["ArmClient"]):
         channel = CommandChannel(self.node, "effort")
         channel.open(layer)
         self._channel = channel, layer
+        self._rivals = CompetingPublishers(self.node, channel.topic)
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)
 
-    def run(self, programs: Iterable[Program]) -> None:
-        """Run programs one after the other; zero effort is commanded at the end in any case.
+    def run(self, course: Course) -> None:
+        """Answer each state at once; zero effort is commanded at the end in any case.
 
-        Each state is answered at once. When none comes for a while the program itself ends with zero effort.
+        When no state comes for a while the course itself ends with zero effort.
         """
+        self._course = course
         try:
-            for program in programs:
-                self._program = program
-                self.spin_until(partial(self._watched, program), math.inf)
+            self.spin_until(partial(self._watched, course), math.inf)
         finally:
             self.send_zero()
 
     def send_zero(self) -> None:
         """Command zero effort a few times, if a channel is open."""
-        self._program = None
+        self._course = None
         if self._channel is None:
             return
         for _ in range(5):
             self._send(np.zeros(len(self._joints)))
             time.sleep(0.004)
 
-    def _watched(self, program: Program) -> bool:
-        self._send(program.watch(time.monotonic()))
-        return program.done
+    def _watched(self, course: Course) -> bool:
+        now_s = time.monotonic()
+        if self._rivals is not None and now_s > self._look_s:
+            self._look_s = now_s + LOOK_PERIOD_S
+            self._rivals.look()
+            if others := self._rivals.of_commands or self._rivals.of_states:
+                course.guard.stop(others, "end all but the arm's own driver and this check")
+        self._send(course.watch(now_s))
+        return course.done
 
     def _on_state(self, message: JointState) -> None:
         now_s, names = time.monotonic(), tuple(message.name)
         self.names.add(names)
-        if set(self._joints) - set(names):
-            return
-        if len(message.position) != len(names):
-            self.malformed += 1
+        missing = [joint for joint in self._joints if joint not in names]
+        if missing or len(message.position) != len(names):
+            self.malformed += not missing
+            if self._course is not None:
+                lack = (
+                    f"{', '.join(missing)} is missing"
+                    if missing
+                    else "names and positions do not fit together"
+                )
+                self._course.guard.ignored(lack)
             return
         columns = [names.index(joint) for joint in self._joints]
         stamp_ns = time_ns(message.header.stamp)
-        position = np.array(message.position)[columns]
-        age_s = (time.time_ns() - stamp_ns) / NS_PER_S
         velocity = self._field(message.velocity, names, columns)
         effort = self._field(message.effort, names, columns)
-        self._rows.append((now_s, stamp_ns, age_s, position, velocity, effort))
-        if self._program is not None and not self._program.done:
-            self._send(self._program.step(now_s, position))
+        age_s = (time.time_ns() - stamp_ns) / NS_PER_S
+        heard = Heard(now_s, stamp_ns, age_s, np.array(message.position)[columns], velocity, effort)
+        self._rows.append(heard)
+        if self._course is not None and not self._course.done:
+            self._send(self._course.step(heard))
 
     def _field(self, values: Sequence[float], names: Sequence[str], columns: list[int]) -> FloatArray:
         """Return a field that may be missing, in the order of the joints; NaN where it is."""
@@ -165,7 +174,7 @@ class ArmClient(AbstractContextManager["ArmClient"]):
             return
         channel, layer = self._channel
         layer.permit_pulse(effort_nm)
-        channel.send(self._rows[-1][1] if self._rows else 0)  # the stamp of the newest state
+        channel.send(self._rows[-1].stamp_ns if self._rows else 0)
 
 
 def endpoints(node: Node, command_topic: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:

@@ -19,7 +19,7 @@ from faulty_arm import FaultyArm  # noqa: E402
 PATIENT_WATCHDOG_S = 0.08
 """On a busy machine commands come less regularly than a short one asks for."""
 
-NODE_FAULTS = ("wrong_name", "second_commander", "nobody_listens")
+NODE_FAULTS = ("wrong_name_second_commander", "nobody_listens", "repeats_when_pushed")
 
 
 class FakeArm(Node):
@@ -29,10 +29,11 @@ class FakeArm(Node):
         super().__init__("fake_arm")
         self._node_fault = fault if fault in NODE_FAULTS else ""
         self._arm = FaultyArm("" if self._node_fault else fault, 1.0 / rate_hz, watchdog_s=PATIENT_WATCHDOG_S)
+        self._last: JointState | None = None
         self._states = self.create_publisher(JointState, "/joint_states", 10)
         if self._node_fault != "nobody_listens":
             self.create_subscription(Float64MultiArray, "/effort_controller/commands", self._on_command, 10)
-        if self._node_fault == "second_commander":
+        if "second_commander" in self._node_fault:
             self.create_publisher(Float64MultiArray, "/effort_controller/commands", 10)
         # In the middle between two turns of the timer: at their edge a little jitter would make it none and
         # two periods in turn.
@@ -52,13 +53,16 @@ class FakeArm(Node):
             return
         stamp_s = self._start_s + reading.stamp_s
         message = JointState(name=["elbow", "finger", "shoulder"])
-        if self._node_fault == "wrong_name":
+        if "wrong_name" in self._node_fault:
             message.name = ["ellbogen", "finger", "shoulder"]
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp_s * 1e9), 10**9)
         # Other names in another order, as a broadcaster may have them.
         message.position = [reading.position[1], 0.7, reading.position[0]]
         message.velocity = [reading.velocity[1], 0.0, reading.velocity[0]]
         message.effort = [reading.effort[1], 0.0, reading.effort[0]] if reading.effort else []
+        if self._last is not None and self._node_fault == "repeats_when_pushed" and any(self._last.effort):
+            message = self._last
+        self._last = message
         self._states.publish(message)
 
 

@@ -48,7 +48,7 @@ _COLOURS = {
     show_default=True,
     help=f"How far any joint may get from where it is, in rad, up to {MOST_RANGE_RAD}.",
 )
-@click.option("--listen", "listen_s", default=2.0, show_default=True, help="How long to listen first, in s.")
+@click.option("--listen", "listen_s", default=1.5, show_default=True, help="How long to listen first, in s.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the findings as JSON, and nothing else, on stdout."
 )
@@ -70,10 +70,10 @@ def check(
     tel check config/planar_arm.yaml --set run.arm=external          asks before it pulses the arm
 
     First it listens: rate, jitter, age, names, units. Then, after you have agreed, each joint gets torque
-    pulses of at most 0.1 s that begin very weak: sign, scale and delay of the effort, wiring, velocity
-    against position, and what the driver does when commands stop. Zero effort is commanded at the end, on
-    Ctrl-C, and as soon as a joint leaves the range that you have agreed to. With run.arm=sim the simulated
-    arm is started for the check, in real time.
+    pulses that begin very weak, mostly of at most 0.1 s: sign, scale and delay of the effort, wiring,
+    velocity against position, and what the driver does when commands stop. Zero effort is commanded at the
+    end, on Ctrl-C, as soon as a joint leaves the range that you have agreed to, and when its states stop,
+    repeat or freeze. With run.arm=sim the simulated arm is started for the check, in real time.
 
     Exit codes: 0 nothing is wrong, 1 something is wrong, 2 wrong input (nothing moved), 3 no arm, 130
     interrupted.

@@ -6,7 +6,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +15,9 @@ import numpy as np
 from tel_ros.app.bring_up import NodeProcesses, require_simulator
 from tel_ros.app.errors import GraphError
 from tel_ros.core.check.checks import LISTENING, MOVING, judge
-from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding
-from tel_ros.core.check.pulses import MOST_STATE_GAP_S, PulseBounds, PulseGuard
+from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding, UrdfModel
+from tel_ros.core.check.listening import listed
+from tel_ros.core.check.pulses import STATE_GAP_S, PulseBounds, PulseGuard
 from tel_ros.core.check.session import PulseSession
 from tel_ros.core.config import ArmConfig, Config
 from tel_ros.core.errors import ConfigError
@@ -30,12 +31,13 @@ from tel_ros.recording.urdf import described, urdf_text
 
 CHANNEL_TIMEOUT_S = 5.0
 DISCOVERY_S = 0.5
+START_S = 0.2
 
 Agree = Callable[[str], bool]
 
 
 def check_arm(
-    config: Config, bounds: PulseBounds | None, agree: Agree, listen_s: float = 2.0, namespace: str = "/"
+    config: Config, bounds: PulseBounds | None, agree: Agree, listen_s: float, namespace: str = "/"
 ) -> list[Finding]:
     """Check an arm and return all findings, in the order of the table; a simulated one is started for that.
 
@@ -48,22 +50,34 @@ def check_arm(
         KeyboardInterrupt: passed on after zero effort was commanded.
     """
     if not 0.5 <= listen_s <= 600.0:
-        raise ConfigError("listen_s", listen_s, "0.5 to 600 s")
+        raise ConfigError("--listen", listen_s, "0.5 to 600 s")
     config = replace(config, sim=replace(config.sim, clock="realtime"))
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with (
-        _arm_of(config, namespace) as still_there,
-        ArmClient(config.arm.joints, still_there, namespace) as client,
-    ):
+    command_topic = topics.COMMANDS[config.arm.command_interface]
+    with ArmClient(config.arm.joints, namespace) as client, ExitStack() as arm:
+        begun_s = time.monotonic()
+        # What takes long to load is loaded while others are discovered, or start.
+        import scipy.optimize  # noqa: F401
+
+        client.spin_for(begun_s + DISCOVERY_S - time.monotonic())
+        if config.run.arm == "sim":
+            _refuse_other_arm(client, command_topic)
+            client.still_there = arm.enter_context(_simulated_arm(config, namespace)).check
+            arm.callback(client.send_zero)
+        if bounds is not None:
+            import tel_ros.core.learning.rigid_body  # noqa: F401
+
+            with suppress(ImportError):
+                import pinocchio  # noqa: F401
         _wait_for_states(client, config)
         client.spin_for(listen_s)
         listened = Evidence(
             config.arm,
             config.control.rate_hz,
             client.states(),
-            *endpoints(client.node, topics.COMMANDS[config.arm.command_interface]),
+            *endpoints(client.node, command_topic),
             names=client.names,
             malformed=client.malformed,
             listened_s=listen_s,
@@ -81,27 +95,18 @@ def check_arm(
 
 
 @contextmanager
-def _arm_of(config: Config, namespace: str) -> Iterator[Callable[[], None]]:
-    """Start the simulated arm if there is to be one; yield what raises when it has died."""
-    if config.run.arm != "sim":
-        yield lambda: None
-        return
-    _refuse_other_arm(config, namespace)
+def _simulated_arm(config: Config, namespace: str) -> Iterator[NodeProcesses]:
     require_simulator()
     with tempfile.TemporaryDirectory(prefix="tel_check_") as folder:
         file = Path(folder) / "run.yaml"
         file.write_text(dump_config(config), encoding="utf-8")
-        log = Path(folder) / "log"
-        with NodeProcesses(file, ["sim_bridge"], log, namespace=namespace) as processes:
-            yield processes.check
+        with NodeProcesses(file, ["sim_bridge"], Path(folder) / "log", namespace=namespace) as processes:
+            yield processes
 
 
-def _refuse_other_arm(config: Config, namespace: str) -> None:
+def _refuse_other_arm(client: ArmClient, command_topic: str) -> None:
     """Make sure that a check of the simulated arm cannot reach another one."""
-    with ArmClient(config.arm.joints, namespace=namespace) as client:
-        client.spin_for(DISCOVERY_S)
-        found = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
-    others = sorted({node for kind in found for node, _, _ in kind})
+    others = sorted({node for kind in endpoints(client.node, command_topic) for node, _, _ in kind})
     if others:
         expected = f"a domain without another arm, or run.arm=external (found {', '.join(others)})"
         raise ConfigError("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "0"), expected)
@@ -112,12 +117,16 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
         topic = client.node.resolve_topic_name(topics.JOINT_STATES)
-        raise GraphError(
-            f"no joint states on {topic} within {timeout_s:g} s.{namespace_hint(client.node, topic)} "
-            "Is the arm's driver running, its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
-        )
+        publishers, _, listeners = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
+        there = "Is the arm's driver running, its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
+        if publishers:
+            there = f"{listed(publishers)} could publish them and does not."
+        elif listeners:
+            there = f"{listed(listeners)} takes commands: is its joint_state_broadcaster active?"
+        hint = namespace_hint(client.node, topic)
+        raise GraphError(f"no joint states on {topic} within {timeout_s:g} s.{hint} {there}")
     # Its first states come while everything else is still starting.
-    client.spin_for(DISCOVERY_S)
+    client.spin_for(START_S)
     client.forget()
 
 
@@ -127,39 +136,54 @@ def _why_not_pulsed(
     """Return why the arm is not to be pulsed; empty once somebody has agreed and the channel is open."""
     blocking = dict.fromkeys(finding.check for finding in findings if finding.blocks)
     if bounds is None:
-        return "not sent, as asked"
+        return "--passive was given"
     if config.arm.command_interface == "position":
         # Zero effort, with which every pulse ends, would be a posture.
-        return "not sent: the drives take positions (arm.command_interface), and pulses are efforts"
+        return "the drives take positions (arm.command_interface), and pulses are efforts"
     if blocking:
-        return f"not sent until this is fixed: {', '.join(blocking)}"
+        return f"this has to be mended first: {', '.join(blocking)}"
     if config.run.arm != "sim" and not agree(_announcement(config, bounds)):
-        return "not sent: nobody has agreed"
+        return "nobody has agreed"
     layer = SafetyLayer(config.arm, config.safety, config.control.rate_hz)
-    return "" if client.open_channel(layer, CHANNEL_TIMEOUT_S) else "not sent: nobody listens to the commands"
+    return "" if client.open_channel(layer, CHANNEL_TIMEOUT_S) else "nobody listens to the commands"
 
 
 def _pulse(client: ArmClient, config: Config, bounds: PulseBounds, listened: Evidence) -> Evidence:
-    resolution = client.states().resolution_rad()
+    heard, model = client.states(), _model(config.arm, client.newest.position_rad)
     client.forget()
     if not client.spin_until(lambda: len(client.states()) > 0, CHANNEL_TIMEOUT_S):
-        raise GraphError("the joint states have stopped")
-    start = client.states()
-    state_gap_s = min(config.control.state_timeout_s, MOST_STATE_GAP_S)
-    guard = PulseGuard(config.arm, bounds, start.position_rad[-1], time.monotonic(), state_gap_s)
-    session = PulseSession(guard, np.array(config.arm.damping_nms_per_rad), resolution, client.states)
-    client.run(session.programs())
-    states = client.states()
-    return replace(listened, moving=states, pulses=session.shown(*_model(config.arm, states.position_rad[0])))
+        raise GraphError("the joint states have stopped; nothing was commanded")
+    state_gap_s = min(config.control.state_timeout_s, STATE_GAP_S)
+    guard = PulseGuard(config.arm, bounds, client.newest, state_gap_s, heard.longest_still_s)
+    damping = np.array(config.arm.damping_nms_per_rad)
+    session = PulseSession(guard, damping, heard.resolution_rad(), client.states, model)
+    client.run(session.course())
+    return replace(listened, moving=client.states(), pulses=session.shown())
 
 
-def _model(arm: ArmConfig, position_rad: FloatArray) -> tuple[FloatArray | None, FloatArray]:
-    """Return what the URDF says of the arm: its inertia at a posture, if known, and viscous friction."""
+def _model(arm: ArmConfig, position_rad: FloatArray) -> UrdfModel:
     from tel_ros.core.learning.rigid_body import inertia_matrix  # late: it loads what learning needs
 
     found = described(arm)
-    friction = np.array(found.viscous_friction_nms_per_rad)
-    return inertia_matrix(urdf_text(found), arm.joints, position_rad), friction
+    inertia, why = None, "the inertia in the URDF is that of no body (not positive definite)"
+    links = {name: found.urdf.below(found.urdf.joints[name].child) for name in arm.joints}
+    has_mass = {
+        name: any(found.urdf.links[link].find("inertial") is not None for link in links[name])
+        for name in links
+    }
+    if not all(has_mass.values()):
+        why = f"the URDF gives no mass to what {', '.join(n for n in links if not has_mass[n])} moves"
+    try:
+        import pinocchio  # noqa: F401 - inertia_matrix does not tell why it returns none
+
+        inertia = inertia_matrix(urdf_text(found), arm.joints, position_rad)
+    except ModuleNotFoundError as error:
+        why = f"Pinocchio cannot be loaded ({error})"
+        if error.name == "pinocchio":
+            why = "Pinocchio is not installed: pip install 'tel_ros[rigid-body]'"
+    except (ImportError, ValueError, RuntimeError) as error:
+        why = f"Pinocchio cannot be loaded, or not read this URDF ({error})"
+    return UrdfModel(inertia, np.array(found.viscous_friction_nms_per_rad), why)
 
 
 def _announcement(config: Config, bounds: PulseBounds) -> str:
@@ -167,9 +191,10 @@ def _announcement(config: Config, bounds: PulseBounds) -> str:
     limits = zip(arm.joints, arm.effort_limit_nm, strict=True)
     efforts = ", ".join(f"{joint} ±{bounds.effort_share * limit:.3g} N·m" for joint, limit in limits)
     return (
-        "The arm is going to move. One joint after the other gets torque pulses of up to 0.1 s, from weak to "
-        f"at most {bounds.effort_share:.1%} of its limit ({efforts}). Everything ends with zero effort as "
-        f"soon as any joint is more than {bounds.range_rad:g} rad away from where it is now. The arm has to "
-        "rest without effort. Keep out of its reach, with a hand on the emergency stop.\n"
+        "The arm is going to move. One joint after the other gets torque pulses of up to 0.1 s (0.4 s where "
+        f"its encoder hardly notices shorter ones), from weak to at most {bounds.effort_share:.1%} of its "
+        f"limit ({efforts}). Everything ends with zero effort as soon as any joint is more than "
+        f"{bounds.range_rad:g} rad away from where it is now. The arm has to rest without effort. Keep out "
+        "of its reach, with a hand on the emergency stop.\n"
         f"May each joint move by {bounds.range_rad:g} rad?"
     )

@@ -28,7 +28,7 @@ class Needs(Enum):
         finite = states is not None and bool(np.isfinite(states.position_rad).all())
         enough = len(evidence.states) >= ENOUGH_STATES
         met = {Needs.STATES: enough, Needs.POSITIONS: enough and finite, Needs.MOTION: finite}
-        return met.get(self, self is not Needs.PULSES or evidence.pulses is not None)
+        return met.get(self, self is not Needs.PULSES or bool(evidence.pulses and evidence.pulses.pulses))
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ CHECKS = (
     Check("effort scale", Needs.PULSES, response.effort_scale),
     Check("round-trip delay", Needs.PULSES, driver.delay),
     Check("effort field", Needs.PULSES, driver.effort_field),
-    Check("effort steps", Needs.PULSES, driver.effort_steps),
+    Check("effort steps", Needs.MOTION, driver.effort_steps),
     Check("watchdog of the driver", Needs.PULSES, driver.watchdog),
     Check("velocity", Needs.MOTION, listening.velocity),
 )

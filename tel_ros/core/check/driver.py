@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tel_ros.core.check.evidence import Evidence, Finding, Pulse, Silence, Verdict, judged, unchecked
+from tel_ros.core.check.response import unsound
 from tel_ros.core.errors import counted
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
@@ -17,6 +18,8 @@ WATCHDOG_S = 0.1
 SHORT_WATCHDOG_S = 0.02
 SHORT_WATCHDOG_PERIODS = 5.0
 """A watchdog of this time, or of so many periods where they are more, also stops commands that stutter."""
+DELAY_ERROR_S = 0.005
+"""The motion tells the delay to within about 2 ms; one that is further below zero is no figure."""
 QUANTUM_SHARE = 0.005
 """Share of the effort limit up to which steps of the effort are fine."""
 FOLLOWS = 2.0
@@ -26,35 +29,80 @@ _UNLIKE = "it is not in N·m at the joint, belongs to another joint, is filtered
 
 
 def delay(seen: Evidence) -> Iterator[Finding]:
-    """A state that shows the effect of a command on the motion comes soon after the command."""
+    """A state that shows the effect of a command comes soon after the command.
+
+    Joints that do not answer their own command are left out. The effort field tells where it follows the
+    command; the motion tells how late the drive itself is, as far as all pulses agree on it.
+    """
     limit_s = max(DELAY_PERIODS / seen.rate_hz, DELAY_S)
     expected = f"up to {limit_s * 1e3:g} ms ({limit_s * seen.rate_hz:g} periods)"
-    delays = [motion_delay_s(pulse, seen.pulsed.visible_rad) for pulse in seen.pulsed.pulses]
-    known = [delay for delay in delays if delay is not None]
-    if not known:
-        yield unchecked("no joint moved", expected)
-        return
-    delay_s = float(np.median(known))
-    spread = f"{min(known) * 1e3:.1f} to {max(known) * 1e3:.1f} ms"
-    measured = f"{delay_s * 1e3:.1f} ms (median of {counted(len(known), 'pulse')}, {spread})"
     mend = (
         "look for filters and queues in the driver, the bus cycle and the network; command from the arm's "
         "own machine"
     )
-    yield judged(delay_s <= limit_s, measured, expected, mend)
+    pulsed = seen.pulsed
+    sound = [pulse for pulse in pulsed.pulses if not unsound(pulsed, pulse.joint, seen.arm.joints)]
+    told = [s for p in sound if follows(pulsed.effort_gain(p.joint)) for s in effort_delays_s(p)]
+    moved = [s for p in sound if (s := motion_delay_s(p, pulsed.visible_rad[p.joint])) is not None]
+    apart_s = np.ptp(moved) if moved else 0.0
+    late = bool(moved) and min(moved) > limit_s
+    by_field = f"{_figure(told)} by the effort field" if told else ""
+    if told and not late:
+        yield judged(float(np.median(told)) <= limit_s, by_field, expected, mend)
+    elif moved and (late or (apart_s <= limit_s and min(moved) >= -DELAY_ERROR_S)):
+        by_motion = f"{_figure(np.maximum(moved, 0.0))} by the motion, give or take 2 ms"
+        measured = f"{by_motion}, {by_field}" if told else by_motion
+        yield judged(float(np.median(moved)) <= limit_s, measured, expected, mend)
+    elif moved:
+        apart = f"delays that are {apart_s * 1e3:.0f} ms apart" if apart_s > limit_s else "no possible delay"
+        yield unchecked(
+            f"the motion of {counted(len(moved), 'pulse')} gives {apart} (dry friction?)", expected
+        )
+    else:
+        yield unchecked("no joint has clearly answered its own command", expected)
 
 
-def motion_delay_s(pulse: Pulse, visible_rad: FloatArray) -> float | None:
-    """Return how late an arm follows a pulse, or None if the motion does not show it.
+def _figure(delays_s: Sequence[float] | FloatArray) -> str:
+    """Return the median and the spread of delays in words."""
+    low, middle, high = 1e3 * np.percentile(delays_s, [0, 50, 100])
+    return f"{middle:.1f} ms ({low:.1f} to {high:.1f} ms in {counted(len(delays_s), 'case')})"
+
+
+def follows(gain: float) -> bool:
+    """Return whether the effort field follows the command; not if it is not known (NaN)."""
+    return 1.0 / FOLLOWS <= gain <= FOLLOWS
+
+
+def effort_delays_s(pulse: Pulse) -> list[float]:
+    """Return how late the effort field of a joint shows each change of its command."""
+    time_s, before = pulse.states.received_s, pulse.states.received_s <= pulse.start_s
+    effort = pulse.states.effort_nm[:, pulse.joint]
+    told = (effort - (np.median(effort[before]) if np.any(before) else 0.0)) / (
+        pulse.effort_gain * pulse.effort_nm
+    )
+    delays_s, k = [], 0
+    for at_s, half_way, way in (
+        (pulse.start_s, 0.5, 1.0),
+        (pulse.turn_s, 0.0, -1.0),
+        (pulse.zero_s, -0.5, 1.0),
+    ):
+        shown = np.flatnonzero((time_s[k:] > at_s) & (way * (told[k:] - half_way) > 0.0))
+        if not len(shown):
+            break
+        k += int(shown[0])
+        delays_s.append(float(time_s[k] - at_s))
+    return delays_s
+
+
+def motion_delay_s(pulse: Pulse, visible_rad: float) -> float | None:
+    """Return how late a joint follows its pulse, or None if its motion does not show it.
 
     The effort that was sent, integrated twice, is the motion of an inertia; integrated once more, that of a
     small viscous friction. Their combination is fitted to the motion for one delay after the other; the best
-    one counts. The joint is used that has gone furthest, relative to the motion that can be seen.
+    one counts.
     """
-    went_rad = np.abs(pulse.displacement_rad()) / visible_rad
-    j = int(np.argmax(went_rad))
-    time_s, position = pulse.states.received_s, pulse.states.position_rad[:, j]
-    if went_rad[j] < 1.0 or len(time_s) < 10:
+    time_s, position = pulse.states.received_s, pulse.states.position_rad[:, pulse.joint]
+    if abs(pulse.reach_rad[pulse.joint]) < visible_rad or len(time_s) < 10:
         return None
     delays_s = np.arange(-0.2 * _LONGEST_S, _LONGEST_S, 5e-4)
     errors = [_misfit(pulse, time_s - delay_s, position) for delay_s in delays_s]
@@ -79,37 +127,17 @@ def effort_field(seen: Evidence) -> Iterator[Finding]:
     """The effort in the joint states has the sign and scale of the command."""
     expected = f"{1 / FOLLOWS:g} to {FOLLOWS:g} times the command"
     for j, joint in enumerate(seen.arm.joints):
-        own = seen.pulsed.of(j)
-        gain = effort_gain(own, j)
-        if gain is None:
-            if own:
-                yield unchecked("none is sent", expected, joint=joint)
+        gain = seen.pulsed.effort_gain(j)
+        if np.isnan(gain):
+            none = "none is sent" if seen.pulsed.of(j) else "the pulses ended before its turn"
+            yield unchecked(none, expected, joint=joint)
             continue
         mend, otherwise = "its sign is flipped against the command", Verdict.WRONG
         if gain >= -1.0 / FOLLOWS:
             mend, otherwise = _UNLIKE, Verdict.WARNING
-        good = 1.0 / FOLLOWS <= gain <= FOLLOWS
-        yield judged(good, f"{gain:.3g} times the command", expected, mend, joint=joint, otherwise=otherwise)
-
-
-def effort_gain(pulses: Sequence[Pulse], joint: int) -> float | None:
-    """Return the slope of the effort field on the commanded effort over the pulses of a joint.
-
-    Positive and negative halves are compared, so that a constant offset (gravity, a sensor's bias) drops out.
-    The field may be late by a quarter of a half. None without efforts.
-    """
-    gains = []
-    for pulse in pulses:
-        states = pulse.states
-        first_s, second_s = pulse.turn_s - pulse.start_s, pulse.zero_s - pulse.turn_s
-        if not np.isfinite(states.effort_nm[:, joint]).all():
-            continue
-        first = states.between(pulse.start_s + 0.4 * first_s, pulse.turn_s + 0.1 * first_s)
-        second = states.between(pulse.turn_s + 0.4 * second_s, pulse.zero_s + 0.1 * second_s)
-        if len(first) and len(second):
-            difference = np.median(first.effort_nm[:, joint]) - np.median(second.effort_nm[:, joint])
-            gains.append(float(difference) / (2.0 * pulse.effort_nm))
-    return float(np.median(gains)) if gains else None
+        yield judged(
+            follows(gain), f"{gain:.3g} times the command", expected, mend, joint=joint, otherwise=otherwise
+        )
 
 
 def effort_steps(seen: Evidence) -> Iterator[Finding]:
@@ -134,7 +162,7 @@ def effort_steps(seen: Evidence) -> Iterator[Finding]:
 def watchdog(seen: Evidence) -> Iterator[Finding]:
     """The effort goes to zero by itself after the last command.
 
-    Judged by the effort field where it shows the command, else by the motion: with effort the joint goes on
+    Judged by the effort field where it follows the command, else by the motion: with effort the joint goes on
     gaining speed.
     """
     silence, rate_hz = seen.pulsed.silence, seen.rate_hz
@@ -144,18 +172,22 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
         "the last command for ever. Give the hardware interface a time-out; else a crash leaves effort on"
     )
     if silence is None:
-        yield unchecked("not tried: it needs a joint that moves when it is pushed", expected)
+        none = (
+            "the pulses ended early" if seen.pulsed.complaint else "no joint answers its own command clearly"
+        )
+        yield unchecked(none, expected)
         return
     # Two periods for the way there and back.
     allowed_s = WATCHDOG_S + 2.0 / rate_hz + 0.005
-    acted_s = _acted_s(silence)
+    gain = seen.pulsed.effort_gain(silence.joint)
+    acted_s = _acted_s(silence, gain) if follows(gain) else None
     if acted_s is None:
-        before, after = _accelerations(silence, allowed_s)
-        if not np.isfinite(before + after) or before == 0.0:
-            yield unchecked("the motion does not show it", expected)
+        (before, error), (after, late_error) = _accelerations(silence, allowed_s, seen.pulsed.resolution_rad)
+        if not (abs(before) > 4.0 * error and late_error < 0.25 * abs(before)):  # also if NaN
+            yield unchecked("the joint goes too little to show it, and the effort field does not", expected)
             return
-        left = f"{after / before:.0%} of the acceleration is left after {allowed_s * 1e3:.0f} ms"
-        yield judged(after / before < 0.5, f"{left} (no effort field)", expected, mend)
+        left = f"{max(after / before, 0.0):.0%} of the acceleration is left after {allowed_s * 1e3:.0f} ms"
+        yield judged(after / before < 0.5, f"{left} (by the motion)", expected, mend)
         return
     measured = f"effort until {max(acted_s, 0.0) * 1e3:.0f} ms after the last command"
     if acted_s > allowed_s:
@@ -172,28 +204,35 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
     )
 
 
-def _acted_s(silence: Silence) -> float | None:
+def _acted_s(silence: Silence, gain: float) -> float | None:
     """Return how long after the last command the effort field shows it; None if it never does."""
     states = silence.states
+    before, pushing = states.received_s <= silence.start_s, states.received_s <= silence.silent_s
     effort = states.effort_nm[:, silence.joint]
-    pushing = states.received_s <= silence.silent_s
-    acting = np.abs(effort) > 0.5 * silence.effort_nm
-    if not np.isfinite(effort).all() or not np.any(acting & pushing):
+    offset_nm = np.median(effort[before]) if np.any(before) else 0.0
+    acting = np.abs(effort - offset_nm) > 0.5 * gain * silence.effort_nm
+    if not np.any(acting & pushing):
         return None
     # By the arm's time: a simulated arm on a busy machine is slower than our clock.
     last = int(np.flatnonzero(acting)[-1])
     return float(states.stamp_ns[last] - states.stamp_ns[pushing][-1]) / NS_PER_S
 
 
-def _accelerations(silence: Silence, allowed_s: float) -> tuple[float, float]:
-    """Return the acceleration before the effort may go, and after it has to be gone."""
+def _accelerations(
+    silence: Silence, allowed_s: float, resolution_rad: FloatArray
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the acceleration before the effort may go, and after it has to be gone, with their errors."""
     time_s = silence.states.received_s - silence.silent_s
     position = silence.states.position_rad[:, silence.joint]
 
-    def fitted(rows: BoolArray) -> float:
+    def fitted(rows: BoolArray) -> tuple[float, float]:
         if np.sum(rows) < 5:
-            return float("nan")
-        return float(2.0 * np.polyfit(time_s[rows], position[rows], 2)[0])
+            return float("nan"), float("nan")
+        fit, unit = np.polyfit(time_s[rows], position[rows], 2, cov="unscaled")
+        apart_rad = float(np.std(np.polyval(fit, time_s[rows]) - position[rows]))
+        noise_rad = max(apart_rad, float(resolution_rad[silence.joint]) / 12**0.5)
+        return float(2.0 * fit[0]), float(2.0 * noise_rad * unit[0, 0] ** 0.5)
 
     # The watchdog may act at any time between: what counts before is the push itself.
-    return fitted(time_s <= 0.01), fitted(time_s >= allowed_s)
+    pushed = (time_s >= silence.start_s - silence.silent_s) & (time_s <= 0.01)
+    return fitted(pushed), fitted(time_s >= allowed_s)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,24 +18,46 @@ ROUNDING_RAD = 1e-6
 """By so much equal readings or steps may differ: four roundings in single precision of up to 4 rad."""
 DEGREES = math.degrees(1.0)
 ENOUGH_STATES = 20
+_FIRST_SHARE = 0.4
 
 Endpoint = tuple[str, str, str]
 """Node, type and reliability of a publisher or subscription."""
 
 
-@dataclass(frozen=True)
-class StateRecord:
-    """Joint states in the order of their arrival: n rows, a column a joint; NaN where nothing was sent."""
+class Heard(NamedTuple):
+    """One joint state; a value a joint, NaN where nothing was sent."""
 
-    joints: tuple[str, ...]
-    received_s: FloatArray
+    received_s: float
     """On a clock that only runs forward."""
-    stamp_ns: IntArray
-    age_s: FloatArray
+    stamp_ns: int
+    age_s: float
     """The time of day at arrival minus the stamp."""
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     effort_nm: FloatArray
+
+
+@dataclass(frozen=True)
+class StateRecord:
+    """Joint states in the order of their arrival: the fields of :class:`Heard`, n rows, a column a joint."""
+
+    joints: tuple[str, ...]
+    received_s: FloatArray
+    stamp_ns: IntArray
+    age_s: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    effort_nm: FloatArray
+
+    @classmethod
+    def of(cls, joints: tuple[str, ...], rows: Sequence[Heard]) -> StateRecord:
+        """Return the record of these states."""
+        times = (
+            np.array([row[k] for row in rows], dtype=kind) for k, kind in enumerate((float, np.int64, float))
+        )
+        shape = (len(rows), len(joints))
+        values = (np.array([row[k] for row in rows], dtype=float).reshape(shape) for k in (3, 4, 5))
+        return cls(joints, *times, *values)
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -44,6 +67,13 @@ class StateRecord:
         """Return the states that arrived from ``start_s`` until ``end_s``."""
         rows = (self.received_s >= start_s) & (self.received_s <= end_s)
         return StateRecord(self.joints, *(getattr(self, column.name)[rows] for column in fields(self)[1:]))
+
+    @cached_property
+    def longest_still_s(self) -> float:
+        """For how long nothing but the time has changed, at most; infinite if it never has."""
+        values = np.nan_to_num(np.hstack([self.position_rad, self.velocity_rad_s, self.effort_nm]))
+        changed = np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1
+        return float(np.diff(self.received_s[[0, *changed, -1]]).max()) if len(changed) else math.inf
 
     def resolution_rad(self) -> FloatArray:
         """Return the resolution of the positions of an arm at rest or in motion. Shape (n_joints,).
@@ -82,6 +112,11 @@ class Pulse:
     end_s: float
     states: StateRecord
 
+    @cached_property
+    def stood_still(self) -> bool:
+        """Whether nothing in the joint states has changed since it began."""
+        return len(self.states) > 1 and math.isinf(self.states.longest_still_s)
+
     def arm_time_factor(self) -> float:
         """Return how fast the arm's time runs by ours: below 1 for a simulated arm on a busy machine."""
         received_s, stamp_ns = self.states.received_s, self.states.stamp_ns
@@ -89,12 +124,34 @@ class Pulse:
             return 1.0
         return float((stamp_ns[-1] - stamp_ns[0]) / NS_PER_S / (received_s[-1] - received_s[0]))
 
-    def displacement_rad(self) -> FloatArray:
-        """Return how far each joint is from where it was. Shape (n_joints,)."""
-        before = self.states.received_s <= self.start_s
+    @cached_property
+    def reach_rad(self) -> FloatArray:
+        """How far each joint got from where it was, the way it went first. Shape (n_joints,).
+
+        Where it is at the end tells less: dry friction, cogging and springs take a joint back.
+        """
         position = self.states.position_rad
-        start = position[before].mean(axis=0) if np.any(before) else position[0]
-        return np.asarray(position[-3:].mean(axis=0) - start, dtype=np.float64)
+        before = self.states.received_s <= self.start_s
+        away = position - (position[before].mean(axis=0) if np.any(before) else position[0])
+        smooth = (away[:-2] + away[1:-1] + away[2:]) / 3.0 if len(away) > 2 else away
+        first = np.argmax(np.abs(smooth) >= _FIRST_SHARE * np.abs(smooth).max(axis=0), axis=0)
+        way = np.sign(smooth[first, np.arange(smooth.shape[1])])
+        return np.asarray(way * (way * smooth).max(axis=0), dtype=np.float64)
+
+    @cached_property
+    def effort_gain(self) -> float:
+        """The slope of the joint's effort field on its command; NaN where no effort is sent.
+
+        Both halves are compared, so that a constant offset (gravity, a sensor's bias) drops out. The field
+        may be late by a quarter of a half.
+        """
+        first_s, second_s = self.turn_s - self.start_s, self.zero_s - self.turn_s
+        first = self.states.between(self.start_s + 0.4 * first_s, self.turn_s + 0.1 * first_s)
+        second = self.states.between(self.turn_s + 0.4 * second_s, self.zero_s + 0.1 * second_s)
+        if not len(first) or not len(second):
+            return math.nan
+        halves = (np.median(half.effort_nm[:, self.joint]) for half in (first, second))
+        return float(-np.diff(list(halves))[0]) / (2.0 * self.effort_nm)
 
 
 @dataclass(frozen=True)
@@ -110,6 +167,18 @@ class Silence:
 
 
 @dataclass(frozen=True)
+class UrdfModel:
+    """What the URDF says of the arm at this posture."""
+
+    inertia_kgm2: FloatArray | None
+    """Shape (n_joints, n_joints)."""
+    friction_nms_per_rad: FloatArray
+    """Viscous. Shape (n_joints,)."""
+    missing: str = ""
+    """Why the inertia is not known, if it is not."""
+
+
+@dataclass(frozen=True)
 class Pulsed:
     """What a session of pulses has shown."""
 
@@ -117,24 +186,30 @@ class Pulsed:
     """The strongest pair of each joint."""
     silence: Silence | None
     """The test of the watchdog, if there was one."""
+    resolution_rad: FloatArray
+    """Of the positions. Shape (n_joints,)."""
+    noticed_rad: FloatArray
+    """How far each joint has to go for something to be there at all. Shape (n_joints,)."""
     visible_rad: FloatArray
-    """How far each joint has to go to have moved at all. Shape (n_joints,)."""
+    """How far it has to go to be judged by it. Shape (n_joints,)."""
     complaint: str
     """Why it ended early; empty if it did not."""
     mend: str
-    inertia_kgm2: FloatArray | None
-    """Of the URDF at this posture, shape (n_joints, n_joints); None: not known."""
-    friction_nms_per_rad: FloatArray
-    """Viscous, of the URDF. Shape (n_joints,)."""
+    model: UrdfModel
 
     def of(self, joint: int) -> list[Pulse]:
         """Return the pulses of one joint."""
         return [pulse for pulse in self.pulses if pulse.joint == joint]
 
+    def effort_gain(self, joint: int) -> float:
+        """Return the slope of the effort field of a joint on its command; NaN if it is not known."""
+        gains = [pulse.effort_gain for pulse in self.of(joint) if not math.isnan(pulse.effort_gain)]
+        return float(np.median(gains)) if gains else math.nan
+
     @cached_property
     def moved(self) -> list[int]:
         """Joints whose pulses have moved something."""
-        moved = [p for p in self.pulses if np.any(np.abs(p.displacement_rad()) >= self.visible_rad)]
+        moved = [p for p in self.pulses if np.any(np.abs(p.reach_rad) >= self.visible_rad)]
         return sorted({pulse.joint for pulse in moved})
 
 
@@ -205,9 +280,9 @@ class Finding:
     """Title of the check, which fills it in."""
 
 
-def unchecked(measured: str, expected: str, mend: str = "", joint: str = "") -> Finding:
-    """Return a finding of what could not be checked."""
-    return Finding(Verdict.NOT_CHECKED, measured, expected, mend, joint)
+def unchecked(reason: str, expected: str, mend: str = "", joint: str = "") -> Finding:
+    """Return a finding of what could not be checked, for this reason."""
+    return Finding(Verdict.NOT_CHECKED, f"because {reason}", expected, mend, joint)
 
 
 def judged(

@@ -25,8 +25,9 @@ JITTER_PERIODS = 3.0
 AGE_LIMIT_S = 0.02
 CLOCK_TOLERANCE_S = 0.005
 """How far a stamp may lie in the future: clocks of two machines agree only so far."""
-WINDOW_S = 0.05
-"""Velocities are compared over windows of this length: a filter that is late by less hardly matters."""
+WINDOWS_S = (0.05, 0.1, 0.2)
+"""Velocities are compared over windows, the shortest in which a joint moves clearly: a filter that is late by
+less hardly matters."""
 ENOUGH_WINDOWS = 3
 """That do not overlap, in which a joint has to have moved clearly."""
 VELOCITY_TOLERANCE = 0.25
@@ -38,7 +39,7 @@ def one_of(endpoints: str, kind: str, mend: str) -> Callable[[Evidence], Iterato
     def judge(seen: Evidence) -> Iterator[Finding]:
         found: Sequence[Endpoint] = getattr(seen, endpoints)
         good = len(found) == 1 and found[0][1] == kind
-        yield judged(good, _listed(found), f"one, of {kind}", mend, blocks=True)
+        yield judged(good, listed(found), f"one, of {kind}", mend, blocks=True)
 
     return judge
 
@@ -58,7 +59,7 @@ command_listener = one_of(
 def other_commanders(seen: Evidence) -> Iterator[Finding]:
     """Nobody else commands the arm."""
     mend = "end whoever else commands the arm (tel practice, an old ep_controller, arm_guard) first"
-    found, expected = _listed(seen.commanders), "nobody else commands the arm"
+    found, expected = listed(seen.commanders), "nobody else commands the arm"
     yield judged(not seen.commanders, found, expected, mend, blocks=True)
 
 
@@ -204,8 +205,8 @@ def velocity(seen: Evidence) -> Iterator[Finding]:
     """
     states = seen.moved
     expected = f"{1 - VELOCITY_TOLERANCE:g} to {1 + VELOCITY_TOLERANCE:g} times the differentiated position"
-    resolution = states.resolution_rad()
-    first, last = _windows(states.stamp_ns)
+    clear_rad = np.maximum(6.0 * states.resolution_rad(), 1e-4)
+    windows = [_windows(states.stamp_ns, window_s) for window_s in WINDOWS_S]
     for j, joint in enumerate(states.joints):
         position, speed = states.position_rad[:, j], states.velocity_rad_s[:, j]
         if not np.isfinite(speed).all():
@@ -213,16 +214,19 @@ def velocity(seen: Evidence) -> Iterator[Finding]:
             continue
         steps_rad = 0.5 * (speed[1:] + speed[:-1]) * np.diff(states.stamp_ns) / NS_PER_S
         sums = np.concatenate([[0.0], np.cumsum(steps_rad)])
-        went, summed = position[last] - position[first], sums[last] - sums[first]
-        clear_rad = max(8.0 * resolution[j], 1e-4)
-        clear = np.abs(went) > clear_rad
-        n_apart = _n_apart(first[clear], last[clear])
-        if n_apart < ENOUGH_WINDOWS:
-            text = "the joint has hardly moved"
+        most_apart = 0
+        for first, last in windows:
+            went, summed = position[last] - position[first], sums[last] - sums[first]
+            clear = np.abs(went) > clear_rad[j]
+            most_apart = max(most_apart, _n_apart(first[clear], last[clear]))
+            if most_apart >= ENOUGH_WINDOWS:
+                break
+        else:
+            furthest = f"{np.abs(went).max(initial=0.0) * 1e3:.2g} mrad within {WINDOWS_S[-1] * 1e3:g} ms"
+            text = f"the joint has hardly moved: {furthest}, {clear_rad[j] * 1e3:.2g} mrad are needed"
             mend = "move it by hand while this listens, or let it be pulsed"
-            if float(np.ptp(position)) > ENOUGH_WINDOWS * clear_rad:
-                window = f"{WINDOW_S * 1e3:g} ms of clear motion"
-                text = f"{n_apart} times {window}, at least {ENOUGH_WINDOWS} are needed"
+            if most_apart or float(np.ptp(position)) > ENOUGH_WINDOWS * clear_rad[j]:
+                text = f"it has moved clearly {most_apart} times, at least {ENOUGH_WINDOWS} are needed"
                 mend = "check again; are states missing (see rate, jitter)? Else move it by hand for longer"
             yield unchecked(text, expected, mend, joint)
             continue
@@ -242,7 +246,8 @@ def _mend_velocity(ratio: float) -> str:
     return "position and velocity need the same unit (rad, rad/s), gear ratio and joint"
 
 
-def _listed(endpoints: Sequence[Endpoint]) -> str:
+def listed(endpoints: Sequence[Endpoint]) -> str:
+    """Return nodes and types of publishers or subscriptions."""
     return ", ".join(f"{node} ({kind})" for node, kind, _ in endpoints) or "none"
 
 
@@ -257,16 +262,16 @@ def _not_finite(states: StateRecord, values: FloatArray) -> str:
     return ", ".join(joint for j, joint in enumerate(states.joints) if not np.isfinite(values[:, j]).all())
 
 
-def _windows(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:
+def _windows(stamp_ns: IntArray, window_s: float) -> tuple[IntArray, IntArray]:
     """Return the first and the last state of windows, one from each state on; shape (n_windows,) each."""
     time_s = (stamp_ns - stamp_ns[0]) / NS_PER_S
     steps_s = np.diff(time_s)
     # No window spans a gap: the velocity in it is not known.
-    gaps = np.flatnonzero((steps_s > WINDOW_S) | (steps_s <= 0.0)) + 1
+    gaps = np.flatnonzero((steps_s > WINDOWS_S[0]) | (steps_s <= 0.0)) + 1
     first, last = [], []
     for piece in np.split(np.arange(len(time_s)), gaps):
         # The tolerance keeps rounding of equal periods from adding one.
-        ends = piece[0] + np.searchsorted(time_s[piece], time_s[piece] + WINDOW_S - 1e-6)
+        ends = piece[0] + np.searchsorted(time_s[piece], time_s[piece] + window_s - 1e-6)
         whole = ends <= piece[-1]
         first.append(piece[whole])
         last.append(ends[whole])

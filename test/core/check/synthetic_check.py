@@ -2,24 +2,98 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "contract"))
 
-from faulty_arm import FaultyArm, Reading  # noqa: E402
-from two_link import arm_config  # noqa: E402
+from faulty_arm import ENCODER_RAD, FaultyArm, Reading  # noqa: E402
+from two_link import TwoLinkArm, arm_config  # noqa: E402
 
-from tel_ros.core.check.evidence import StateRecord  # noqa: E402
-from tel_ros.core.check.pulses import Program, PulseBounds, PulseGuard  # noqa: E402
+from tel_ros.core.check.evidence import Heard, StateRecord, UrdfModel  # noqa: E402
+from tel_ros.core.check.pulses import PulseBounds, PulseGuard  # noqa: E402
 from tel_ros.core.check.session import PulseSession  # noqa: E402
 
 JOINTS = ("shoulder", "elbow")
 START_S = 100.0
 TRAVEL_S = 0.0003
+_PIECES = 10
+
+
+class RoughLinks(TwoLinkArm):
+    """Links with dry friction and cogging.
+
+    Args:
+        q: joint positions in rad.
+        coulomb_nm: dry friction of both joints.
+        cogging_nm: torque that draws each joint to the nearest of ``n_cogs`` positions of rest.
+        n_cogs: of a turn.
+    """
+
+    def __init__(
+        self, q: tuple[float, float], coulomb_nm: float, cogging_nm: float, n_cogs: int = 40
+    ) -> None:
+        super().__init__(q=q)
+        self._coulomb_nm, self._cogging_nm, self._n_cogs = coulomb_nm, cogging_nm, n_cogs
+
+    def step(self, effort_nm: np.ndarray, dt_s: float) -> None:
+        """Pass a while in pieces, because dry friction is stiff."""
+        for _ in range(_PIECES):
+            dry = self._coulomb_nm * np.tanh(np.array(self.v) / 0.003)
+            cogs = self._cogging_nm * np.sin(self._n_cogs * np.array(self.q))
+            super().step(effort_nm - dry - cogs, dt_s / _PIECES)
+
+
+class RoughArm(FaultyArm):
+    """An arm with one fault, and with what is no fault.
+
+    Args:
+        fault: as of :class:`FaultyArm`.
+        encoder_rad: its resolution.
+        differences: velocities are differences of positions.
+        noise_rad: of the positions, standard deviation.
+        coulomb_nm: see :class:`RoughLinks`.
+        cogging_nm: see :class:`RoughLinks`.
+        seed: of the noise.
+        more: for :class:`FaultyArm`.
+    """
+
+    def __init__(
+        self,
+        fault: str = "",
+        *,
+        encoder_rad: float = ENCODER_RAD,
+        differences: bool = False,
+        noise_rad: float = 0.0,
+        coulomb_nm: float = 0.0,
+        cogging_nm: float = 0.0,
+        seed: int = 0,
+        **more: object,
+    ) -> None:
+        self._encoder_rad, self._differences, self._noise_rad = encoder_rad, differences, noise_rad
+        self._random = np.random.default_rng(seed)
+        self._before: np.ndarray | None = None
+        super().__init__(fault, **more)
+        if coulomb_nm or cogging_nm:
+            self.arm = RoughLinks(self.arm.q, coulomb_nm, cogging_nm)
+
+    def _reading(self, effort: np.ndarray) -> Reading:
+        true_rad = self.arm.q
+        read_rad = np.array(true_rad) + self._noise_rad * self._random.normal(size=2)
+        # Of at most 16 bits: the finer steps of the arm without such faults change nothing.
+        self.arm.q = tuple(np.round(read_rad / self._encoder_rad) * self._encoder_rad)
+        reading = super()._reading(effort)
+        self.arm.q = true_rad
+        if self._differences:
+            position = np.array(reading.position)
+            moved = position - (position if self._before is None else self._before)
+            self._before = position
+            reading = replace(reading, velocity=(moved / self.period_s).tolist())
+        return reading
 
 
 @dataclass
@@ -34,58 +108,54 @@ class SyntheticCheck:
     arm: FaultyArm
     bounds: PulseBounds = field(default_factory=PulseBounds)
     sent_nm: list[np.ndarray] = field(default_factory=list)
-    _rows: list[tuple[float, Reading]] = field(default_factory=list)
+    _rows: list[Heard] = field(default_factory=list)
     session: PulseSession | None = None
     guard: PulseGuard | None = None
+    model: UrdfModel = UrdfModel(None, np.zeros(2), "nobody has looked")
+    breaks: str = ""
+    """What goes wrong from ``breaks_at_s`` on: "silent", "repeats" (old states) or "frozen" (new stamps)."""
+    breaks_at_s: float = math.inf
+    sent_at_s: list[float] = field(default_factory=list)
 
     def listen(self, duration_s: float = 1.0) -> StateRecord:
         for _ in range(round(duration_s / self.arm.period_s)):
             self._next()
         return self.states()
 
-    def pulse(self, lost_after_s: float | None = None) -> PulseSession:
-        """Run all programs; states may be lost some time after the beginning."""
+    def pulse(self) -> PulseSession:
+        """Run all programs."""
         states = self.states()
-        now_s = self._rows[-1][0]
         damping = np.array(arm_config().damping_nms_per_rad)
-        self.guard = PulseGuard(arm_config(), self.bounds, states.position_rad[-1], now_s)
-        self.session = PulseSession(self.guard, damping, states.resolution_rad(), self.states)
-        end_s = np.inf if lost_after_s is None else now_s + lost_after_s
-        for program in self.session.programs():
-            self._run(program, end_s)
+        self.guard = PulseGuard(arm_config(), self.bounds, self._rows[-1], quiet_s=states.longest_still_s)
+        self.session = PulseSession(self.guard, damping, states.resolution_rad(), self.states, self.model)
+        course = self.session.course()
+        while not course.done:
+            heard = self._next()
+            if heard is not None:
+                self._send(course.step(heard))
+            self._send(course.watch(START_S + self.arm.time_s + TRAVEL_S))
         return self.session
 
     def states(self, since_s: float = 0.0) -> StateRecord:
-        rows = [row for row in self._rows if row[0] >= since_s]
-        n = len(rows)
-        effort = [r.effort or [np.nan, np.nan] for _, r in rows]
-        received = np.array([t for t, _ in rows])
-        stamps = np.array([START_S + r.stamp_s for _, r in rows])
-        return StateRecord(
-            JOINTS,
-            received,
-            np.round(stamps * 1e9).astype(np.int64),
-            received - stamps,
-            np.array([r.position for _, r in rows]).reshape(n, 2),
-            np.array([r.velocity for _, r in rows]).reshape(n, 2),
-            np.array(effort).reshape(n, 2),
-        )
+        return StateRecord.of(JOINTS, [row for row in self._rows if row.received_s >= since_s])
 
-    def _next(self) -> tuple[float, np.ndarray]:
+    def _next(self) -> Heard | None:
         reading = self.arm.step()
-        self._rows.append((START_S + self.arm.time_s + TRAVEL_S, reading))
-        return self._rows[-1][0], np.array(reading.position)
-
-    def _run(self, program: Program, lost_s: float) -> None:
-        while not program.done:
-            now_s = START_S + self.arm.time_s + TRAVEL_S
-            if now_s >= lost_s:
-                self.arm.step()
-                self._send(program.watch(now_s))
-                continue
-            self._send(program.step(*self._next()))
+        now_s = START_S + self.arm.time_s + TRAVEL_S
+        stamp_s = START_S + reading.stamp_s
+        values = (reading.position, reading.velocity, reading.effort or [math.nan, math.nan])
+        heard = Heard(now_s, round(stamp_s * 1e9), now_s - stamp_s, *map(np.array, values))
+        if self.arm.time_s > self.breaks_at_s:
+            if self.breaks == "silent":
+                return None
+            last = self._rows[-1]
+            kept = last[1:] if self.breaks == "repeats" else (heard.stamp_ns, heard.age_s, *last[3:])
+            heard = Heard(now_s, *kept)
+        self._rows.append(heard)
+        return heard
 
     def _send(self, effort: np.ndarray | None) -> None:
         if effort is not None:
             self.sent_nm.append(effort)
+            self.sent_at_s.append(self.arm.time_s)
             self.arm.command(effort.tolist())

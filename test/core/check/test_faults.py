@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_check import SyntheticCheck
+from synthetic_check import RoughArm, SyntheticCheck
 from two_link import TwoLinkArm, arm_config
 
 from tel_ros.core.check.checks import LISTENING, MOVING, Needs, judge, worst
-from tel_ros.core.check.evidence import Evidence, Finding, Verdict
-
-from faulty_arm import WATCHDOG_S, FaultyArm  # isort: skip
+from tel_ros.core.check.evidence import Evidence, Finding, UrdfModel, Verdict
+from tel_ros.core.check.pulses import PulseBounds
 
 RATE_HZ = 500.0
 POSTURES = [(0.2, 0.5), (0.0, 2.0)]
@@ -25,12 +24,13 @@ def inertia(posture: tuple[float, float]) -> np.ndarray:
 
 
 def check(
-    fault: str, posture: tuple[float, float] = (0.2, 0.5), watchdog_s: float = WATCHDOG_S
+    fault: str, posture: tuple[float, float] = (0.2, 0.5), bounds: PulseBounds | None = None, **rough: object
 ) -> tuple[SyntheticCheck, list[Finding]]:
-    made = SyntheticCheck(FaultyArm(fault, posture_rad=posture, watchdog_s=watchdog_s))
+    model = UrdfModel(inertia(posture), np.array([0.05, 0.05]))
+    made = SyntheticCheck(RoughArm(fault, posture_rad=posture, **rough), bounds or PulseBounds(), model=model)
     listened = Evidence(arm_config(), RATE_HZ, made.listen())
     findings = judge(listened, set(LISTENING) - {Needs.GRAPH})
-    shown = made.pulse().shown(inertia(posture), np.array([0.05, 0.05]))
+    shown = made.pulse().shown()
     findings += judge(replace(listened, moving=made.states(), pulses=shown), MOVING)
     return made, findings
 
@@ -136,7 +136,7 @@ def test_without_an_effort_field_the_watchdog_is_told_from_the_motion() -> None:
     assert of(findings, "efforts").verdict is Verdict.WARNING
     watchdog = of(findings, "watchdog of the driver")
     assert watchdog.verdict is Verdict.OK
-    assert "no effort field" in watchdog.measured
+    assert "by the motion" in watchdog.measured
 
 
 def test_an_effort_in_other_units_is_found_as_far_as_it_does_too_much() -> None:

@@ -7,8 +7,8 @@ import pytest
 from two_link import arm_config
 
 from tel_ros.core.check.checks import CHECKS, worst
-from tel_ros.core.check.evidence import Evidence, Finding, Pulsed, StateRecord, Verdict, judged
-from tel_ros.core.check.response import reached_joints
+from tel_ros.core.check.evidence import Evidence, Finding, StateRecord, Verdict, judged
+from tel_ros.core.check.response import assignment
 
 JOINTS = ("shoulder", "elbow")
 COLUMNS = ("received_s", "stamp_ns", "age_s", "position_rad", "velocity_rad_s", "effort_nm")
@@ -140,15 +140,14 @@ def test_a_joint_whose_states_were_lost_while_it_moved_is_not_said_to_have_hardl
     lost = StateRecord(JOINTS, *(getattr(whole, name)[kept] for name in COLUMNS))
     moved, still = found("velocity", moving=lost)
     assert (moved.verdict, still.verdict) == (Verdict.NOT_CHECKED, Verdict.NOT_CHECKED)
-    assert moved.measured == "2 times 50 ms of clear motion, at least 3 are needed"
+    assert moved.measured == "because it has moved clearly 2 times, at least 3 are needed"
     assert "states missing" in moved.mend
-    assert still.measured == "the joint has hardly moved"
+    assert still.measured.startswith("because the joint has hardly moved: 0 mrad within 200 ms, ")
 
 
 def test_a_coarse_effort_is_a_warning() -> None:
     effort = np.round(np.column_stack([np.linspace(-2, 2, 200)] * 2) / [0.5, 0.01]) * [0.5, 0.01]
-    pulses = Pulsed([], None, np.zeros(2), "", "", None, np.zeros(2))
-    findings = found("effort steps", moving=record(effort_nm=effort), pulses=pulses)
+    findings = found("effort steps", moving=record(effort_nm=effort))
     assert [f.verdict for f in findings] == [Verdict.WARNING, Verdict.OK]
 
 
@@ -160,7 +159,7 @@ def test_any_wiring_of_seven_joints_is_recognised_in_any_units(seed: int) -> Non
     order = rng.permutation(7)
     units = rng.uniform(0.01, 100.0, 7)
     wired = units[:, None] * response[:, order] * rng.choice([-1.0, 1.0], 7)
-    assert reached_joints(wired, range(7)).tolist() == order.tolist()
+    assert assignment(wired).tolist() == order.tolist()
 
 
 @pytest.mark.parametrize(
