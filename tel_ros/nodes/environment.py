@@ -15,7 +15,9 @@ from xml.etree import ElementTree
 
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.local_stop import domain_id
+from tel_ros.recording.shared_files import config_folder
 
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 _PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
@@ -35,8 +37,8 @@ def require_usable() -> None:
         installed.discard("rmw_implementation")  # the one that loads the others
         if installed and middleware not in installed:
             raise _wrong("RMW_IMPLEMENTATION", f"what is installed here: {', '.join(sorted(installed))}")
-    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") not in ("", *_RANGES):
-        raise _wrong("ROS_AUTOMATIC_DISCOVERY_RANGE", " or ".join(_RANGES))
+    if os.environ.get(_RANGE, "") not in ("", *_RANGES):
+        raise _wrong(_RANGE, " or ".join(_RANGES))
     for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
         try:
             socket.getaddrinfo(peer, None)
@@ -48,6 +50,16 @@ def require_usable() -> None:
         except (OSError, ElementTree.ParseError) as error:
             why = getattr(error, "strerror", None) or error
             raise _wrong(_PROFILES, f"a file of Fast DDS profiles ({why})") from None
+
+
+def choose_profiles() -> None:
+    """Have Fast DDS use our profiles, unless others are named: they keep it from using shared memory."""
+    if _PROFILES in os.environ or "fastrtps" not in (os.environ.get("RMW_IMPLEMENTATION") or "fastrtps"):
+        return
+    file = "fastdds.xml"
+    if os.environ.get(_RANGE) == "LOCALHOST" and not os.environ.get("ROS_STATIC_PEERS"):
+        file, os.environ[_RANGE] = "fastdds_localhost.xml", "SYSTEM_DEFAULT"
+    os.environ[_PROFILES] = str(config_folder() / file)
 
 
 def require_log_folder() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import re
 import signal
 import sys
@@ -24,10 +23,9 @@ from rclpy.utilities import remove_ros_args
 from tel_ros.core.errors import TelError
 from tel_ros.local_stop import BRAKE_SIGNAL
 from tel_ros.nodes.clock import ClockWatch
-from tel_ros.nodes.environment import require_log_folder
+from tel_ros.nodes.environment import choose_profiles, require_log_folder
 from tel_ros.nodes.hot_loop import spin_hot
 from tel_ros.recording.config_file import read_yaml
-from tel_ros.recording.shared_files import config_folder
 
 EXIT_BAD_INPUT = 2
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -49,7 +47,7 @@ def start_ros(
     for option, file in pairwise(arguments):
         if option == "--params-file":
             read_yaml(Path(file))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "fastdds.xml"))
+    choose_profiles()
     expected = "expected --ros-args -p NAME:=VALUE -r FROM:=TO …"
     try:
         ignored = remove_ros_args(list(arguments))[1:]

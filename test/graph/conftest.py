@@ -12,6 +12,11 @@ from ros_domain import held_domains
 from tel_ros.recording.config_file import load_config
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option; it is known when this folder is named on the command line."""
+    parser.addoption("--starts", type=int, default=1, help="how often the loop's first second is measured")
+
+
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch, ros_domains: Iterator[int]) -> int:
     """Give the test a ROS domain that no other test has."""

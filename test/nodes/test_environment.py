@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from tel_ros.core.errors import ConfigError
-from tel_ros.nodes.environment import require_log_folder, require_usable
+from tel_ros.nodes.environment import choose_profiles, require_log_folder, require_usable
 
 ROOT = Path(__file__).parents[2]
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 VARIABLES = (
     *("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS"),
     *("FASTRTPS_DEFAULT_PROFILES_FILE", "PYTHONPATH", "ROS_LOG_DIR", "ROS_HOME"),
@@ -22,7 +23,8 @@ VARIABLES = (
 @pytest.fixture(autouse=True)
 def nothing_set(monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in VARIABLES:
-        monkeypatch.delenv(variable, raising=False)
+        monkeypatch.setenv(variable, "")  # so that what a test leaves there is undone
+        monkeypatch.delenv(variable)
 
 
 @pytest.mark.parametrize(
@@ -61,6 +63,35 @@ def test_a_wrong_value_is_named(
 def test_what_ros_can_use_is_left_alone(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
     monkeypatch.setenv(variable, value)
     require_usable()
+
+
+@pytest.mark.parametrize(
+    ("given", "file", "range_after"),
+    [
+        ({}, "fastdds.xml", None),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "fastdds.xml", "SUBNET"),
+        # rmw_fastrtps would add shared memory.
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, "fastdds_localhost.xml", "SYSTEM_DEFAULT"),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "127.0.0.1"},
+            *("fastdds.xml", "LOCALHOST"),
+        ),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", PROFILES: "/mine.xml"}, "mine.xml", "LOCALHOST"),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+            *(None, "LOCALHOST"),
+        ),
+    ],
+)
+def test_fast_dds_gets_our_profiles_unless_others_are_named(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], file: str | None, range_after: str | None
+) -> None:
+    for variable, value in given.items():
+        monkeypatch.setenv(variable, value)
+    choose_profiles()
+    assert (PROFILES in os.environ) == (file is not None)
+    assert file is None or Path(os.environ[PROFILES]).name == file
+    assert os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == range_after
 
 
 @pytest.mark.parametrize("package", ["rclpy", "sensor_msgs"])
