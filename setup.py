@@ -64,6 +64,8 @@ setup(
     zip_safe=False,
     install_requires=[
         "click",
+        # Reads the MCAP files that rosbags does not, and what is left of damaged ones.
+        "mcap",
         "numba",
         "numpy",
         "psutil",
@@ -115,7 +117,6 @@ setup(
         # colcon test looks for pytest under this name. The others read our bags without any of our code.
         "test": [
             "import-linter",
-            "mcap",
             "mcap-ros2-support",
             "pytest",
             "pytest-rerunfailures",

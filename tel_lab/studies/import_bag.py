@@ -80,7 +80,7 @@ def imported(slow: Motion, fast: Motion, rate_hz: float, label: str) -> Imported
         done = import_and_train(ImportRequest(sources=bags[:1], out=out, urdf=str(urdf), **settings))
         cpu_s = time.process_time() - start
         learner = load_network(out)
-        recordings, _ = read_sources(bags[1:])
+        recordings, _, _ = read_sources(bags[1:])
         parts = [part for recording in recordings for part in torque_samples(recording)]
         asked = [(part.torque_nm, predict_torque(learner, part.inputs)) for part in parts]
         warning = extrapolation_warning(learner, asked[0][1])

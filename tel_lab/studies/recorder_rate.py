@@ -133,11 +133,11 @@ def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:
     metadata = dict(read_trial(source).metadata)
     with AnyReader([source]) as reader:
         messages = [(c.topic, time_ns, bytes(raw)) for c, time_ns, raw in reader.messages()]
-        kinds, store = {c.topic: c.msgtype for c in reader.connections}, reader.typestore
+        kinds = {c.topic: c.msgtype for c in reader.connections}
         for bag in bags:
             with BagWriter(bag, metadata, RecordingConfig(storage=storage)) as writer:  # type: ignore[arg-type]
                 for topic, kind in kinds.items():
-                    writer.add_topic(topic, kind, store)
+                    writer.add_topic(topic, kind, ())
                 for message in messages:
                     writer.write(*message)
     if not all((bag / CHECKSUMS).is_file() for bag in bags):

@@ -17,9 +17,21 @@ from tel_ros.core.errors import ConfigError, InputFileError, counted
 @click.option("--out", type=click.Path(path_type=Path), help="CSV to write; must not exist. Default: stdout.")
 @click.option("--duration-s", type=float, help="Of the movement, if TRAJECTORY holds waypoints.")
 @click.option("--rate-hz", type=float, default=100.0, show_default=True, help="Of points along waypoints.")
+@click.option(
+    "--rename",
+    metavar="FROM=TO",
+    multiple=True,
+    help="Joints whose names begin with FROM in TRAJECTORY are TO… in NET. May be given several times.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else.")
 def predict(
-    network: Path, trajectory: Path, out: Path | None, duration_s: float | None, rate_hz: float, as_json: bool
+    network: Path,
+    trajectory: Path,
+    out: Path | None,
+    duration_s: float | None,
+    rate_hz: float,
+    rename: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Predict the torques that a movement needs, and how certain they are.
 
@@ -32,6 +44,7 @@ def predict(
     from tel_ros.app.torque_import import extrapolation_warning
     from tel_ros.core.learning.torque_fit import predict_torque
     from tel_ros.recording.foreign.csv_files import read_movement
+    from tel_ros.recording.foreign.renaming import Renaming
     from tel_ros.recording.network_file import load_network
     from tel_ros.recording.run_folder import json_ready
 
@@ -41,7 +54,7 @@ def predict(
         raise InputFileError(out, "exists already", "a name that is free")
     learner = load_network(network)
     joints = learner.context.joints
-    time_s, inputs = read_movement(trajectory, joints, duration_s, rate_hz)
+    time_s, inputs = read_movement(trajectory, joints, duration_s, rate_hz, Renaming.parsed(rename))
     prediction = predict_torque(learner, inputs)
     columns = {"tau": prediction.torque_nm, "std": prediction.std_nm}
     if learner.context.predicts == "equilibrium":

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 from tel_ros.app.config_argument import namespace_option
-from tel_ros.app.errors import EXIT_INTERRUPTED, Interruption, end
-from tel_ros.core.errors import TelError, counted
+from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
+from tel_ros.core.errors import TelError
 
 if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer
@@ -63,11 +63,12 @@ def replay(
     listening; joint states keep theirs with --states-to-nodes, recorded commands never do. The space bar and
     the service /replay/pause pause and continue.
 
-    Exit codes: 0 done, 2 wrong input, or the replay is refused as a danger to an arm, 130 interrupted.
+    Exit codes: 0 done, 1 not all messages of the bag could be published, 2 wrong input, or the replay is
+    refused as a danger to an arm, 130 interrupted.
     """  # noqa: D301 - click wants the character, not its name
     # Late: `tel --help` needs no ROS.
     from tel_ros.nodes.bag_player import BagPlayer
-    from tel_ros.recording.bag_format import open_any_bag, reading
+    from tel_ros.recording.any_bag import open_any_bag, reading
     from tel_ros.recording.replay import Replay, ReplayOptions
     from tel_ros.recording.trial_bag import check_sums
 
@@ -89,6 +90,7 @@ def replay(
             ) as player:
                 _announce(bag, player, space_bar.works)
                 player.play(rate)
+                there = sum(reader.announced[name] for name in {t.connection.topic for t in player.played})
                 while loop:
                     player.play(rate)
     except KeyboardInterrupt:
@@ -98,6 +100,9 @@ def replay(
         click.echo(f"tel: the replay stood still for {player.stood_still_s:.1f} s in all", err=True)
     if player.most_late_s > 0.02:  # a loop at 50 Hz would notice
         click.echo(f"tel: messages were up to {1e3 * player.most_late_s:.0f} ms late", err=True)
+    expected = 1 if start_offset_s else there
+    if player.published < expected:
+        end(f"{bag}: yields {player.published} messages; expected at least {expected}", EXIT_NOT_COMPLETED)
 
 
 def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:

@@ -18,11 +18,13 @@ from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.learning.torque_fit import Fit, TorquePrediction, fit_torque
 from tel_ros.core.learning.torque_samples import Excitation, TorqueSamples, excitation, torque_samples
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.foreign.recordings import read_sources
+from tel_ros.recording.foreign.plausible import joint_ranges
+from tel_ros.recording.foreign.recordings import Wanted, read_sources
+from tel_ros.recording.foreign.renaming import Renaming
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.run_folder import json_ready
 from tel_ros.recording.shared_files import named_file
-from tel_ros.recording.urdf import arm_description
+from tel_ros.recording.urdf import arm_description, read_urdf
 
 POOR_NMSE = 0.1
 
@@ -35,8 +37,9 @@ class ImportRequest:
         sources: bags of ROS 1 or ROS 2, their data files, or CSVs.
         out: file of the network; must not exist.
         urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
-        topic: of bags; empty: the one that has efforts.
-        joints: to learn; empty: all with efforts.
+        topic: of bags; empty: the one that tells most of the joints.
+        joints: to learn; empty: all with efforts, of those that the URDF has.
+        rename: ``FROM=TO`` for joints that the sources name otherwise.
         rate_hz: of the samples that are learned from, at most; after a filter at 15 Hz, more add nothing.
         cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
         max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
@@ -48,6 +51,7 @@ class ImportRequest:
     urdf: str = ""
     topic: str = ""
     joints: tuple[str, ...] = ()
+    rename: tuple[str, ...] = ()
     rate_hz: float = 200.0
     cutoff_hz: float | None = None
     weights: Literal["lms", "least_squares"] = "least_squares"
@@ -142,11 +146,16 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         TrainingError: too little was recorded, or what was learned is not finite.
     """
     kind = learner_kind(request.learner)
-    recordings, others = read_sources(request.sources, request.topic, request.joints)
+    file = named_file(request.urdf, Path.cwd()) if request.urdf else None
+    wanted = Wanted(
+        topic=request.topic,
+        joints=request.joints,
+        urdf=joint_ranges(read_urdf(file)) if file else {},
+        renaming=Renaming.parsed(request.rename),
+    )
+    recordings, others, doubts = read_sources(request.sources, wanted)
     joints = recordings[0].joints
-    urdf, assumed = "", list[str]()
-    if request.urdf:
-        urdf, assumed = arm_description(named_file(request.urdf, Path.cwd()), joints, others)
+    urdf, assumed = arm_description(file, joints, others) if file else ("", [])
     parts = [
         part
         for recording in recordings
@@ -200,7 +209,7 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         fit=fit,
         excitation=excited,
         torque_std_nm=np.array(fit.learner.context.stiffness_nm_per_rad),
-        warnings=(*_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed),
+        warnings=(*doubts, *_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed),
     )
 
 

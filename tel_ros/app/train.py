@@ -33,8 +33,10 @@ def _import_option(name: str, about: str, **settings: Any) -> Callable[[F], F]:
     type=click.Path(path_type=Path, dir_okay=False),
     help="File of the network, e.g. network.npz.",
 )
-@click.option("--force", is_flag=True, help="Replace the file if there is one already.")
-@overrides_option("Another setting of the learner, e.g. learning.weights=least_squares, or seed.")
+@click.option("--force", is_flag=True, help="Replace the file if there is one already. Not with --import.")
+@overrides_option(
+    "Another setting of the learner, e.g. learning.weights=least_squares, or seed. Not with --import."
+)
 @click.option(
     "--json", "as_json", is_flag=True, help="Print what came out as JSON, and nothing else, on stdout."
 )
@@ -43,8 +45,14 @@ def _import_option(name: str, about: str, **settings: Any) -> Callable[[F], F]:
     "--learner", "rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.", default="rigid_body"
 )
 @_import_option("--urdf", "URDF of the arm (or package://…); for rigid_body.", default="")
-@_import_option("--topic", "topic of the bags. Default: the one that has efforts.", default="")
-@_import_option("--joints", "joints to learn, a,b,c. Default: all that have efforts.", default="")
+@_import_option("--topic", "topic of the bags. Default: the one with most of the joints.", default="")
+@_import_option("--joints", "joints to learn, a,b,c. Default: all in the URDF that have efforts.", default="")
+@_import_option(
+    "--rename",
+    "FROM=TO: joints whose names begin with FROM are TO… in the URDF. May be given several times.",
+    metavar="FROM=TO",
+    multiple=True,
+)
 @_import_option("--rate-hz", "rate of the samples that are learned from, at most.", type=float, default=200.0)
 @_import_option("--cutoff-hz", "zero-phase low-pass, 0 for none. Default: chosen from the data.", type=float)
 @_import_option(

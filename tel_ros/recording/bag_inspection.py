@@ -5,22 +5,29 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
-
-from tel_ros.core.errors import BagError, TelError, counted
+from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import METADATA_FILE, bag_information, is_latched, open_any_bag, reading
+from tel_ros.recording.any_bag import (
+    METADATA_FILE,
+    AnyBag,
+    bag_information,
+    custom_data,
+    data_files,
+    is_latched,
+    open_any_bag,
+    reading,
+)
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
+from tel_ros.recording.data_files import data_kind
 from tel_ros.recording.trial_bag import check_sums
 from tel_ros.recording.trial_result import report_of
 
@@ -97,24 +104,33 @@ def inspect_bag(bag: Path) -> InspectedBag:
     Raises:
         BagError: it is no bag at all.
     """
-    files = _files(bag)
-    storages = [STORAGE_OF[file.suffix] for file in files if file.suffix in STORAGE_OF]
-    if not storages and not (bag / METADATA_FILE).is_file():
-        expected = "a rosbag2 folder, or an .mcap, .db3 or .bag file"
-        raise BagError(bag, "holds no bag" if bag.exists() else "there is no such bag", expected)
-    size = sum(file.stat().st_size for file in files)
-    known: dict[str, Any] = {"path": bag, "storage": storages[0] if storages else "", "size_bytes": size}
-    if bag.is_dir() and not (bag / METADATA_FILE).is_file():
+    is_closed = not bag.is_dir() or (bag / METADATA_FILE).is_file()
+    try:
+        data = data_files(bag)
+    except BagError:
+        if not bag.is_dir() or not is_closed:
+            raise
+        data = []  # opening it says what is wrong
+    files = [file for file in bag.iterdir() if file.is_file()] if bag.is_dir() else [bag]
+    known: dict[str, Any] = {
+        "path": bag,
+        "storage": STORAGE_OF[data_kind(data[0])] if data else "",
+        "size_bytes": sum(file.stat().st_size for file in files),
+    }
+    if not is_closed:
         found = f"it has no {METADATA_FILE}; `tel bag recover` takes out what can be read"
         return InspectedBag(wholeness=Wholeness.UNFINISHED, problem=found, **known)
-    known["version"], known["metadata"] = _stored(bag)
+    with suppress(BagError):  # the data tell enough
+        information = bag_information(bag)
+        known["metadata"] = custom_data(information)
+        known["version"] = int(information["version"]) if str(information.get("version")).isdigit() else None
     try:
         with open_any_bag(bag) as reader, reading(bag):
             start_ns, duration_s, found_topics = _topics(reader)
             trial, joints = _trial(reader)
     except BagError as error:
         return InspectedBag(wholeness=Wholeness.BROKEN, problem=error.found, **known)
-    wholeness, problem = _wholeness(bag, found_topics, known["metadata"])
+    wholeness, problem = _wholeness(bag, found_topics, known.get("metadata", {}))
     return InspectedBag(
         wholeness=wholeness,
         problem=problem,
@@ -133,29 +149,16 @@ def bags_of_run(folder: Path) -> list[Path]:
     return [path for place in places for path in sorted(place) if path.is_dir()]
 
 
-def _files(bag: Path) -> list[Path]:
-    return sorted(file for file in bag.iterdir() if file.is_file()) if bag.is_dir() else [bag]
-
-
-def _stored(bag: Path) -> tuple[int | None, dict[str, str]]:
-    """Return version and custom data of a bag's metadata, as far as they are readable: opening says more."""
-    try:
-        information = bag_information(bag)
-        return int(information["version"]), dict(information.get("custom_data") or {})
-    except (OSError, yaml.YAMLError, ValueError, KeyError, TypeError):
-        return None, {}
-
-
-def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
+def _topics(reader: AnyBag) -> tuple[int, float, tuple[InspectedTopic, ...]]:
     """Return time of the first message, duration, and what there is of each topic."""
-    times_ns = defaultdict[tuple[str, int], list[int]](list)
+    times_ns = defaultdict[int, list[int]](list)
     for connection, time_ns, _ in reader.messages():
-        times_ns[_key(connection)].append(time_ns)
+        times_ns[connection.id].append(time_ns)
     start_ns = min((times[0] for times in times_ns.values()), default=0)
     end_ns = max((times[-1] for times in times_ns.values()), default=0)
     inspected = []
-    for connection in sorted(reader.connections, key=_key):
-        times = times_ns[_key(connection)]
+    for connection in sorted(reader.connections, key=lambda each: each.topic):
+        times = times_ns[connection.id]
         n = len(times)
         span_s = (times[-1] - times[0]) / NS_PER_S if times else 0.0
         longest_gap_ns = max((later - earlier for earlier, later in pairwise(times)), default=math.nan)
@@ -163,7 +166,7 @@ def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
             InspectedTopic(
                 name=connection.topic,
                 msgtype=connection.msgtype,
-                announced=connection.msgcount,
+                announced=max(connection.msgcount, reader.announced[connection.topic]),
                 found=n,
                 rate_hz=(n - 1) / span_s if span_s > 0.0 else math.nan,
                 longest_gap_s=longest_gap_ns / NS_PER_S,
@@ -173,11 +176,7 @@ def _topics(reader: AnyReader) -> tuple[int, float, tuple[InspectedTopic, ...]]:
     return start_ns, (end_ns - start_ns) / NS_PER_S, tuple(inspected)
 
 
-def _key(connection: Connection) -> tuple[str, int]:
-    return connection.topic, connection.id
-
-
-def _trial(reader: AnyReader) -> tuple[TrialReport | None, tuple[str, ...]]:
+def _trial(reader: AnyBag) -> tuple[TrialReport | None, tuple[str, ...]]:
     """Return what the result of a trial says and its joints, if there is exactly one that can be read."""
     named = [c for c in reader.connections if topics.is_named(c.topic, topics.TRIAL_RESULT)]
     connections = [connection for connection in named if connection.msgcount]
@@ -195,7 +194,7 @@ def _trial(reader: AnyReader) -> tuple[TrialReport | None, tuple[str, ...]]:
 def _wholeness(
     bag: Path, found: tuple[InspectedTopic, ...], metadata: Mapping[str, str]
 ) -> tuple[Wholeness, str]:
-    short = [topic for topic in found if topic.found != topic.announced]
+    short = [topic for topic in found if topic.found < topic.announced]
     if short:
         said = ", ".join(f"{counted(t.found, 'message')} of {t.name} instead of {t.announced}" for t in short)
         return Wholeness.BROKEN, f"it yields {said}"

@@ -17,13 +17,12 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
-from rosbags.typesys.store import Typestore
 
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import offered_qos, typestore
+from tel_ros.recording.bag_format import definition, offered_qos
 
 UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""
@@ -37,6 +36,8 @@ CUSTOM_DATA_FILE = "custom_data.yaml"
 RECOVERED = "recovered"
 """Key of the custom data that marks a bag as saved after a crash, and says how much was saved."""
 
+_UNKNOWN = f"RIHS01_{'0' * 64}"
+"""Hash of a type that nobody can parse."""
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _DISK_ERRORS = (OSError, sqlite3.Error)
 
@@ -93,10 +94,16 @@ class BagWriter:
         self._chunk_began_ns: int | None = None
         self._disk_refused = False
 
-    def add_topic(self, topic: str, kind: str, store: Typestore, offered: Sequence[Qos] = ()) -> None:
-        """Announce a topic; ``store`` has the definition of its type, ``offered`` says how to play it."""
+    def add_topic(
+        self, topic: str, kind: str, offered: Sequence[Qos], defined: tuple[str, str] | None = None
+    ) -> None:
+        """Announce a topic.
+
+        ``offered`` says how to play it; ``defined``: text and hash of its type, if that is not one of ours.
+        """
+        text, type_hash = defined or definition(kind)
         self._connections[topic] = self._writer.add_connection(
-            topic, kind, typestore=store, offered_qos_profiles=offered
+            topic, kind, msgdef=text, rihs01=type_hash or _UNKNOWN, offered_qos_profiles=offered
         )
         self.counts[topic] = 0
 
@@ -198,7 +205,7 @@ class TrialBagWriter(BagWriter):
         namespace: str = "/",
     ) -> None:
         super().__init__(bag, metadata, recording)
-        self._store, self._namespace = typestore(), namespace
+        self._namespace = namespace
         self._names: dict[str, str] = {}
         for topic, kind in {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}.items():
             self._add(topic, kind)
@@ -212,7 +219,7 @@ class TrialBagWriter(BagWriter):
 
     def _add(self, topic: str, kind: str) -> None:
         name = self._names[topic] = topics.absolute(topic, self._namespace)
-        self.add_topic(name, kind, self._store, [offered_qos(name)])
+        self.add_topic(name, kind, [offered_qos(name)])
 
 
 def _sync(path: Path) -> None:

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording.bag_format import open_any_bag, reading
+from tel_ros.recording.any_bag import AnyBag, open_any_bag, reading
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.topics import JOINT_STATE
 
@@ -66,7 +65,7 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
     )
 
 
-def _connections(bag: Path, reader: AnyReader, topic: str) -> list[Connection]:
+def _connections(bag: Path, reader: AnyBag, topic: str) -> list[Connection]:
     of_states = [c for c in reader.connections if c.msgtype == JOINT_STATE and c.msgcount]
     names = sorted({connection.topic for connection in of_states})
     listed = ", ".join(names) or "none"

@@ -9,13 +9,12 @@ from fnmatch import fnmatchcase
 from itertools import chain
 from pathlib import Path
 
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
 from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import is_latched, reading, type_hash
+from tel_ros.recording.any_bag import AnyBag, is_latched, reading
 
 PREFIX = "/replay"
 """In front of the names of all topics, because an arm may be listening to the recorded ones. Fixed: with
@@ -70,7 +69,7 @@ class Replay:
         ConfigError: it is shorter than the offset.
     """
 
-    def __init__(self, bag: Path, reader: AnyReader, options: ReplayOptions) -> None:
+    def __init__(self, bag: Path, reader: AnyBag, options: ReplayOptions) -> None:
         if not reader.is2:
             raise BagError(bag, "is a bag of ROS 1", "a rosbag2 (rosbags-convert makes one of it)")
         chosen = _chosen(bag, [c for c in reader.connections if c.msgcount], options.patterns)
@@ -90,7 +89,7 @@ class Replay:
                 if connection is states
                 else topics.absolute(connection.topic.removeprefix("/"), PREFIX),
                 is_latched(connection),
-                type_hash(reader, connection),
+                reader.definition(connection)[1],
             )
             for connection in chosen
         )
@@ -109,7 +108,7 @@ class Replay:
         with reading(self._bag):  # what the consumer does wrong is not raised in here
             for connection, time_ns, raw in chain(earlier, from_here):
                 topic = by_connection[connection.topic, connection.id]
-                yield topic, max(time_ns, self.start_ns), bytes(raw)
+                yield topic, max(time_ns, self.start_ns), raw
 
 
 class ReplaySchedule:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rosbags.highlevel import AnyReader
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import BagError, TelError, counted
@@ -20,10 +19,20 @@ from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import METADATA_FILE, all_messages, bag_information, reading
+from tel_ros.recording.any_bag import (
+    METADATA_FILE,
+    AnyBag,
+    all_messages,
+    bag_information,
+    custom_data,
+    open_any_bag,
+    reading,
+    what_is,
+)
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.config_file import config_from, dump_config
+from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.provenance import stored_files
 from tel_ros.recording.shared_files import missing
 from tel_ros.recording.trial_result import report_of
@@ -119,11 +128,11 @@ def check_bag(bag: Path) -> None:
 
 
 @contextmanager
-def _opened(bag: Path) -> Iterator[AnyReader]:
+def _opened(bag: Path) -> Iterator[AnyBag]:
     """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError."""
     with reading(bag, _EXPECTED):
         check_sums(bag)
-        with AnyReader([bag]) as reader:
+        with open_any_bag(bag) as reader:
             yield reader
 
 
@@ -243,24 +252,27 @@ def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
     """
     file = bag / METADATA_FILE
     if not file.is_file():
-        found = "has no metadata.yaml: it was never closed" if bag.is_dir() else missing(bag, "folder")
-        raise BagError(bag, found, _EXPECTED)
-    try:
-        metadata = dict(bag_information(bag).get("custom_data") or {})
-    except (yaml.YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        found = f"not readable ({' '.join(str(error).split())})"
-        raise BagError(file, found, "the metadata of a rosbag2 folder") from error
+        unclosed = bag.is_dir() and any(data_kind(each) in DATA_FILES for each in bag.iterdir())
+        raise BagError(
+            bag, "has no metadata.yaml: it was never closed" if unclosed else what_is(bag), _EXPECTED
+        )
+    information = bag_information(bag)
+    metadata = custom_data(information)
+    # Anybody's data would do without; here the mark of a recovered bag stands, and how much there has to be.
+    for key, kind in (("custom_data", dict), ("topics_with_message_count", list)):
+        if not isinstance(information.get(key, "") or kind(), kind) or key not in information:
+            raise BagError(file, f"tells no {key}", "the metadata of a trial's bag")
     if RECOVERED in metadata and not recovered:
         found = f"was recovered after a crash ({metadata[RECOVERED]}): its end may be missing"
         raise BagError(bag, found, "a bag that was recorded to its end")
     return metadata
 
 
-def _messages(reader: AnyReader, bag: Path, topic: str) -> list[tuple[int, Any]]:
+def _messages(reader: AnyBag, bag: Path, topic: str) -> list[tuple[int, Any]]:
     connections = [c for c in reader.connections if topics.is_named(c.topic, topic)]
     if not connections:
         raise BagError(bag, f"has no topic {topics.absolute(topic)}", "a bag of a trial")
-    return all_messages(bag, reader, connections)
+    return all_messages(bag, reader, connections, exactly=True)
 
 
 def read_arm_record(

@@ -25,7 +25,7 @@ from tel_ros.core.types import NS_PER_S  # noqa: E402
 from tel_ros.nodes import qos  # noqa: E402
 from tel_ros.nodes.bag_player import BagPlayer, message_class  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
-from tel_ros.recording.bag_format import open_any_bag  # noqa: E402
+from tel_ros.recording.any_bag import open_any_bag  # noqa: E402
 from tel_ros.recording.replay import Replay, ReplayOptions  # noqa: E402
 
 pytestmark = pytest.mark.timeout(240)

@@ -129,9 +129,9 @@ def test_a_recovered_bag_is_named_so(tmp_path: Path) -> None:
 
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="there is no such bag"):
+    with pytest.raises(BagError, match="there is no such file or folder"):
         inspect_bag(tmp_path / "nothing")
-    with pytest.raises(BagError, match="holds no bag"):
+    with pytest.raises(BagError, match="is a folder without metadata.yaml and data files"):
         inspect_bag(tmp_path)
 
 

@@ -77,7 +77,7 @@ def test_a_bag_has_no_name_before_it_is_closed(tmp_path: Path, trial: SyntheticT
         writer.write(topic, time_ns, data)
     assert not bag.exists()
     with pytest.raises(
-        BagError, match="trial_001: there is no such folder; expected a closed rosbag2 folder"
+        BagError, match="trial_001: there is no such file or folder; expected a closed rosbag2 folder"
     ):
         read_trial(bag)
     with pytest.raises(BagError, match="never closed"):

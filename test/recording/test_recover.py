@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -211,11 +212,11 @@ def test_without_a_readable_configuration_the_messages_are_still_saved(
 
 def test_what_holds_nothing_is_refused(tmp_path: Path, trial: SyntheticTrial) -> None:
     with pytest.raises(
-        BagError, match="trial_009: there is no such folder; expected the folder of a recording"
+        BagError, match="trial_009: there is no such file or folder; expected the folder of a recording"
     ):
         recover(tmp_path / UNFINISHED / "trial_009")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(BagError, match="empty: holds no data file"):
+    with pytest.raises(BagError, match="empty: is a folder without metadata.yaml and data files"):
         recover(tmp_path / "empty")
     for storage, said in (
         ("mcap", "holds no whole chunk"),
@@ -233,3 +234,86 @@ def test_what_holds_nothing_is_refused(tmp_path: Path, trial: SyntheticTrial) ->
             recover(file.parent)
     with pytest.raises(BagError, match="is whole: there is nothing to recover"):
         recover(trial.write(tmp_path / "whole"))
+
+
+def split(folder: Path, storage: str, names: Sequence[str], trial: SyntheticTrial) -> Path:
+    """Write the messages of a trial into several data files without metadata, as a recorder splits them."""
+    folder.mkdir()
+    messages = recorded_order(trial)
+    step = len(messages) // len(names) + 1
+    for k, name in enumerate(names):
+        part = folder.parent / f"part_{k}"
+        with TrialBagWriter(part, {}, RecordingConfig(storage=storage, chunk_s=0.02)) as writer:  # type: ignore[arg-type]
+            for message in messages[k * step : (k + 1) * step]:
+                writer.write(*message)
+        (data,) = (file for file in part.iterdir() if file.suffix in (".mcap", ".db3"))
+        data.rename(folder / f"{name}{data.suffix}")
+    return folder
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("names", [("a", "b"), ("z", *map(str, range(1, 11)))])
+def test_all_files_of_a_recording_are_saved(
+    tmp_path: Path, trial: SyntheticTrial, storage: str, names: Sequence[str]
+) -> None:
+    """In the order of time, whatever their names."""
+    found = recover(split(tmp_path / "bag", storage, names, trial))
+    assert [(file.whole, file.lost_bytes) for file in found.files] == [(True, 0)] * len(names)
+    assert sum(file.messages for file in found.files) == len(recorded_order(trial))
+    saved = contents(found.bag)
+    assert len(saved) == len(recorded_order(trial))
+    assert [time_ns for _, time_ns, _ in saved] == sorted(time_ns for _, time_ns, _ in recorded_order(trial))
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_what_each_file_has_lost_is_told(tmp_path: Path, trial: SyntheticTrial, storage: str) -> None:
+    bag = split(tmp_path / "bag", storage, "abcd", trial)
+    kind = ".mcap" if storage == "mcap" else ".db3"
+    whole = (bag / f"b{kind}").read_bytes()
+    (bag / f"b{kind}").write_bytes(whole[: len(whole) * 2 // 3])
+    (bag / f"c{kind}").write_bytes(b"nothing of the kind")
+    found = recover(bag)
+    a, b, c, d = found.files
+    assert (a.whole, a.lost_bytes, d.whole, d.lost_bytes) == (True, 0, True, 0)
+    assert not b.whole
+    assert 0 < b.messages <= len(recorded_order(trial)) // 4 + 1
+    assert (c.messages, c.lost_bytes) == (0, len(b"nothing of the kind"))
+    assert c.problem
+    assert len(contents(found.bag)) == a.messages + b.messages + d.messages
+
+
+@pytest.mark.parametrize("named", [["a.mcap"], ["x.mcap", "y.mcap"]])
+def test_metadata_that_name_fewer_files_or_others_hide_none(
+    tmp_path: Path, trial: SyntheticTrial, named: list[str]
+) -> None:
+    bag = split(tmp_path / "bag", "mcap", "ab", trial)
+    content = yaml.safe_load((tmp_path / "part_0" / "metadata.yaml").read_text())
+    content["rosbag2_bagfile_information"]["relative_file_paths"] = named
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(content))
+    assert len(contents(recover(bag).bag)) == len(recorded_order(trial))
+
+
+def test_a_data_file_by_itself_is_recovered_and_a_whole_one_is_not(
+    tmp_path: Path, trial: SyntheticTrial
+) -> None:
+    file = split(tmp_path / "bag", "mcap", "a", trial) / "a.mcap"
+    with pytest.raises(BagError, match="is whole: there is nothing to recover"):
+        recover(file)
+    file.write_bytes(file.read_bytes()[:-100])
+    found = recover(file)
+    assert found.bag == tmp_path / "bag" / "a_recovered"
+    assert len(contents(found.bag)) == len(recorded_order(trial))
+
+
+def test_a_damaged_chunk_costs_its_messages_and_no_others(tmp_path: Path, trial: SyntheticTrial) -> None:
+    bag = split(tmp_path / "bag", "mcap", "a", trial)
+    data = bytearray((bag / "a.mcap").read_bytes())
+    data[len(data) // 3 : len(data) // 3 + 500] = b"\xff" * 500
+    (bag / "a.mcap").write_bytes(data)
+    found = recover(bag)
+    (file,) = found.files
+    assert not file.whole
+    assert file.lost_bytes > 0
+    assert max(time_ns for _, time_ns, _ in contents(found.bag)) == max(
+        row[1] for row in recorded_order(trial)
+    )

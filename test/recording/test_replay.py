@@ -16,7 +16,7 @@ from synthetic_trial import SyntheticTrial
 from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import open_any_bag
+from tel_ros.recording.any_bag import open_any_bag
 from tel_ros.recording.replay import STANDSTILL_S, Replay, ReplayOptions, ReplaySchedule
 
 ROWS = [
@@ -147,7 +147,7 @@ def test_a_bag_without_messages_and_one_that_was_never_closed_are_refused(
     (trial_bag / "metadata.yaml").unlink()
     with pytest.raises(BagError, match="it was never closed"):
         names(trial_bag)
-    with pytest.raises(BagError, match="there is no such bag"):
+    with pytest.raises(BagError, match="there is no such file or folder"):
         names(tmp_path / "nothing")
 
 

@@ -117,7 +117,7 @@ def test_a_bag_from_before_goals_had_a_std_is_read(
     """A bag carries the definitions of its messages: its goal has no such field."""
     kind = topics.RECORDED_ONCE[topics.TRIAL_GOAL]
     older = types_without_std()
-    monkeypatch.setattr("tel_ros.recording.bag_writer.typestore", lambda: older)
+    monkeypatch.setattr("tel_ros.recording.bag_format.typestore", lambda: older)
     with TrialBagWriter(tmp_path / "bag", {}) as writer:
         for topic, time_ns, data in trial.messages():
             if topic == topics.TRIAL_GOAL:
@@ -201,7 +201,7 @@ def test_a_std_of_another_length_is_refused(tmp_path: Path, trial: SyntheticTria
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        BagError, match="trial_009: there is no such folder; expected a closed rosbag2 folder"
+        BagError, match="trial_009: there is no such file or folder; expected a closed rosbag2 folder"
     ):
         read_trial(tmp_path / "trial_009")
 

@@ -58,7 +58,7 @@ def test_a_bag_from_before_results_had_figures_is_read(
         lines = [line for line in lines if line.partition("#")[0].split()[1:2] not in ([n] for n in newer)]
         older.register(get_types_from_msg("\n".join(lines), f"tel_interfaces/msg/{file.stem}"))
     assert len(older.fielddefs[kind][1]) == len(typestore().fielddefs[kind][1]) - len(newer)
-    monkeypatch.setattr("tel_ros.recording.bag_writer.typestore", lambda: older)
+    monkeypatch.setattr("tel_ros.recording.bag_format.typestore", lambda: older)
     trial.timing = TIMING
     with TrialBagWriter(tmp_path / "bag", {}) as writer:
         for topic, time_ns, data in trial.messages():

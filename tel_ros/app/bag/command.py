@@ -11,7 +11,8 @@ import click
 
 from tel_ros.app.errors import EXIT_NOT_COMPLETED
 from tel_ros.app.tables import show
-from tel_ros.core.errors import BagError, counted
+from tel_ros.core.errors import BagError
+from tel_ros.recording import topics
 from tel_ros.recording.run_folder import is_run_folder
 
 _PATH = click.Path(path_type=Path)
@@ -138,18 +139,23 @@ def export(path: Path, out: Path, as_json: bool) -> None:
 def recover(unfinished: Path, out: Path | None, as_json: bool) -> None:
     """Save what a crash has left of a recording.
 
-    UNFINISHED is a folder below a run's .unfinished; it stays as it is. Everything up to the last whole chunk
-    goes into a new bag, which is marked as recovered: it can be looked at, but is not used for training.
+    UNFINISHED is a folder below a run's .unfinished, any rosbag2 folder without metadata.yaml or with damaged
+    data, or a data file; it stays as it is. Every whole chunk of every file goes into a new bag, which is
+    marked as recovered: it can be looked at, but is not used for training.
     """
     from tel_ros.recording.recover import recover
 
     found = recover(unfinished, out)
     if as_json:
-        values = {**asdict(found), "bag": str(found.bag), "unfinished": str(unfinished)}
-        click.echo(json.dumps(values, indent=2))
+        of_paths = {"bag": str(found.bag), "unfinished": str(unfinished)}
+        click.echo(json.dumps({**asdict(found), "lost_bytes": found.lost_bytes, **of_paths}, indent=2))
         return
     for topic, n in found.counts.items():
         click.echo(f"{n:8d}  {topic}")
-    click.echo(f"{counted(found.lost_bytes, 'byte')} after the last whole chunk are lost")
-    click.echo("the trial had ended" if found.has_result else "the end of the trial is missing")
+    for file in found.files:
+        lost = f"{file.lost_bytes} bytes of it are lost" if file.lost_bytes else "nothing is lost"
+        state = "" if file.whole else f" ({file.problem or 'it was not closed, or is damaged'})"
+        click.echo(f"{file.name}: {file.messages} messages saved, {lost}{state}")
+    if any(topics.is_named(topic, topics.CONTROL_STATES) for topic in found.counts):
+        click.echo("the trial had ended" if found.has_result else "the end of the trial is missing")
     click.echo(f"recovered into {found.bag}, from {unfinished}")

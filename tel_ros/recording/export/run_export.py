@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from heapq import merge
 from pathlib import Path
 
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2
 
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording.bag_format import offered_qos, open_any_bag, reading, type_hash, typestore
+from tel_ros.recording.any_bag import AnyBag, open_any_bag, reading
+from tel_ros.recording.bag_format import offered_qos
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
 from tel_ros.recording.export.added_messages import (
@@ -174,13 +174,13 @@ class _RunWriter:
         span_s = (begin_ns / NS_PER_S, end_ns / NS_PER_S, shift_ns / NS_PER_S)
         self.trials.append(ExportedTrial(trial.bag, trial.report.index, *span_s))
 
-    def _announce(self, reader: AnyReader) -> None:
+    def _announce(self, reader: AnyBag) -> None:
         """Announce the topics of a bag that are new; with the first bag also those that are added."""
         types = dict(self._types)
         for connection in reader.connections:
             if connection.topic in ADDED:
                 raise _LeftOutError(f"has a topic {connection.topic}, which the export adds")
-            found = type_hash(reader, connection)
+            _, found = reader.definition(connection)
             if types.setdefault(connection.topic, found) != found:
                 raise _LeftOutError(
                     f"defines {connection.msgtype} on {connection.topic} otherwise than before"
@@ -192,14 +192,15 @@ class _RunWriter:
                 offered = (
                     extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else ()
                 )
-                self.writer.add_topic(connection.topic, connection.msgtype, reader.typestore, offered)
+                defined = reader.definition(connection)
+                self.writer.add_topic(connection.topic, connection.msgtype, offered, defined)
         if not self.trials:
             for topic, kind in ADDED.items():
                 qos = offered_qos(topic, latched=topic not in STREAMED)
-                self.writer.add_topic(topic, kind, typestore(), [qos])
+                self.writer.add_topic(topic, kind, [qos])
 
 
-def _recorded(bag: Path, reader: AnyReader, shift_ns: int) -> Iterator[Added]:
+def _recorded(bag: Path, reader: AnyBag, shift_ns: int) -> Iterator[Added]:
     with reading(bag):
         for connection, time_ns, raw in reader.messages():
-            yield connection.topic, time_ns + shift_ns, bytes(raw)
+            yield connection.topic, time_ns + shift_ns, raw

@@ -1,14 +1,18 @@
 """Joint recordings and movements from CSV with named columns.
 
 ``time_s``, and for each joint ``q_<joint>`` [rad], ``dq_<joint>`` [rad/s], ``ddq_<joint>`` [rad/s²] and
-``tau_<joint>`` [N·m], in any order. Other columns are passed over.
+``tau_<joint>`` [N·m], in any order. Only the columns that are asked for are read: others may hold anything.
+
+Separators are commas, semicolons or tabs; numbers have decimal points and may stand in quotes. Empty lines
+and those that begin with ``#`` are passed over; the header may be such a line.
 """
 
 from __future__ import annotations
 
 import csv
-import warnings
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,21 +25,23 @@ from tel_ros.core.learning.torque_samples import FEWEST_OF_SPLINE, motion
 from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
-from tel_ros.recording.shared_files import missing
+from tel_ros.recording.foreign.renaming import Renaming, advice
 from tel_ros.recording.waypoint_file import read_waypoints
 
 TIME = "time_s"
 POSITION, VELOCITY, ACCELERATION, TORQUE = "q_", "dq_", "ddq_", "tau_"
-_COLUMNS = f"the columns {TIME}, {POSITION}<joint> and {TORQUE}<joint>"
+_RECORDING = f"a CSV with the columns {TIME}, {POSITION}<joint> and {TORQUE}<joint>"
+_MOVEMENT = f"a CSV with the columns {TIME} and {POSITION}<joint>, or of waypoints"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A file of named columns; ``values`` has the shape (n, n_columns)."""
+    """A file of named columns: the cells of each row, and the lines on which they stand."""
 
     file: Path
     header: tuple[str, ...]
-    values: FloatArray
+    rows: list[list[str]]
+    lines: list[int]
 
     def named(self, prefix: str) -> tuple[str, ...]:
         """Return the joints that have a column with such a prefix."""
@@ -46,62 +52,151 @@ class Table:
         missing = [prefix + joint for joint in joints if prefix + joint not in self.header]
         if missing:
             found = f"has no column {', '.join(missing)}"
-            raise InputFileError(self.file, found, f"columns among {', '.join(self.header)}")
-        found_columns = self.values[:, [self.header.index(prefix + joint) for joint in joints]]
-        bad = np.argwhere(~np.isfinite(found_columns))
-        if len(bad):
-            row, column = bad[0]
-            found = f"{prefix}{joints[column]} is {found_columns[row, column]} in row {row + 1}"
-            raise InputFileError(self.file, found, "finite numbers")
-        return found_columns
+            how = advice(self.named(prefix or POSITION), joints)
+            raise InputFileError(self.file, found, f"columns among {', '.join(self.header)}{how}")
+        return np.array([self._column(prefix + joint) for joint in joints]).T.reshape(-1, len(joints))
+
+    def _column(self, name: str) -> FloatArray:
+        if self.header.count(name) > 1:
+            raise InputFileError(self.file, f"has {name} twice", "each column once")
+        place, values = self.header.index(name), np.empty(len(self.rows))
+        for k, row in enumerate(self.rows):
+            text = row[place].strip() if place < len(row) else ""
+            try:
+                values[k] = float(text)
+            except ValueError:
+                values[k] = math.nan
+            if not math.isfinite(values[k]):
+                found = f"line {self.lines[k]}: {name} is {text!r}"
+                comma = re.fullmatch(r"[-+]?\d+,\d+([eE][-+]?\d+)?", text)
+                raise InputFileError(
+                    self.file, found, "a decimal point, not a comma" if comma else "a finite number"
+                )
+        return values
 
 
-def read_table(file: Path) -> Table:
-    """Read a CSV of numbers with a header line; InputFileError if it is missing or malformed."""
+def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RECORDING) -> Table:
+    """Read a CSV with a header line; InputFileError if it is missing or malformed."""
     try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
-            header = tuple(name.strip() for name in next(csv.reader(lines), []))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # that there is no row, which is told below
-                values = np.loadtxt(lines, delimiter=",", ndmin=2)
-    except (OSError, ValueError, csv.Error) as error:  # ValueError: also what is no UTF-8
-        found = f"not readable ({error})" if file.is_file() else missing(file)
-        raise InputFileError(file, found, f"a CSV with {_COLUMNS}") from error
-    repeated = sorted({name for name in header if header.count(name) > 1})
-    if repeated:
-        raise InputFileError(file, f"has {', '.join(repeated)} twice", "each column once")
-    if not values.size:
-        raise InputFileError(file, "has no rows", f"rows under {_COLUMNS}")
-    if values.shape[1] != len(header):
-        found = f"has {counted(values.shape[1], 'value')} a row"
-        raise InputFileError(file, found, f"{len(header)}, as its header")
-    return Table(file, header, values)
+        content = file.read_bytes()
+        is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        # Old programs' signs for degrees and the like stand in columns that nobody asks for.
+        encoding = (
+            "utf-16" if is_utf16 else "utf-8-sig" if b"\0" in content or _is_utf8(content) else "latin-1"
+        )
+        lines = content.decode(encoding).removeprefix("\ufeff").splitlines(keepends=True)
+    except FileNotFoundError as error:
+        raise InputFileError(file, "there is no such file", expected) from error
+    except (OSError, ValueError) as error:  # ValueError: what is no text
+        found = "is a folder" if file.is_dir() else f"not readable ({error})"
+        raise InputFileError(file, found, expected) from error
+    first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    reader = csv.reader(lines, delimiter=max(";\t,", key=first.count), skipinitialspace=True)
+    header, comment, rows, numbers = list[str](), list[str](), list[list[str]](), list[int]()
+    try:
+        for cells in reader:
+            if not any(cells):
+                continue
+            if cells[0].lstrip().startswith("#"):
+                comment = [cells[0].lstrip()[1:], *cells[1:]]
+            elif header or (comment and all(map(_is_number, filter(None, cells)))):
+                # As numpy.savetxt writes it: the header is the comment before the first row.
+                header = header or comment
+                rows.append(cells)
+                numbers.append(reader.line_num)
+            else:
+                header = cells
+    except csv.Error as error:
+        raise InputFileError(file, f"line {reader.line_num} is not readable ({error})", expected) from error
+    header = [name.strip() for name in header]
+    while header and not header[-1]:  # a delimiter at the end of each line
+        header.pop()
+    if not rows:
+        raise InputFileError(file, "has no rows", f"rows below the header of {expected}")
+    for row, number in zip(rows, numbers, strict=True):
+        if len(row) != len(header) and (len(row) < len(header) or any(row[len(header) :])):
+            found = f"line {number} has {len(row)} values"
+            more = ", with decimal points" if len(row) > len(header) else ""
+            raise InputFileError(file, found, f"{len(header)}, as in its header{more}")
+    renamed = renaming or Renaming()
+    return Table(file, tuple(_renamed(name, renamed) for name in header), rows, numbers)
 
 
-def read_csv_recording(file: Path, joints: Sequence[str] = ()) -> JointRecording:
-    """Read a recording of all joints that have a position; efforts are NaN without a ``tau_`` column.
+def _renamed(column: str, renaming: Callable[[str], str]) -> str:
+    for prefix in (ACCELERATION, VELOCITY, POSITION, TORQUE):
+        if column.startswith(prefix):
+            return prefix + renaming(column.removeprefix(prefix))
+    return column
 
-    Raises InputFileError if the file cannot be used or lacks the efforts of one of ``joints``.
+
+def _is_utf8(content: bytes) -> bool:
+    try:
+        content.decode()
+        return True
+    except UnicodeDecodeError:
+        return False
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+        return True
+    except ValueError:
+        return False
+
+
+def read_csv_recording(
+    file: Path, joints: Sequence[str] = (), renaming: Renaming | None = None
+) -> JointRecording:
+    """Read a recording of the joints to learn, and of others that only have a position, as far as it is one.
+
+    Args:
+        file: to read.
+        joints: to learn; empty: all with a position and an effort.
+        renaming: of the joints in the file.
+
+    Raises:
+        InputFileError: the file cannot be used or lacks a column of one of the joints to learn.
     """
-    table = read_table(file)
+    table = read_table(file, renaming)
     if TIME not in table.header or not table.named(POSITION):
-        raise InputFileError(file, f"has the columns {', '.join(table.header)}", _COLUMNS)
-    told = table.named(TORQUE)
-    if not told:
-        raise InputFileError(file, f"tells no effort: it has the columns {', '.join(table.header)}", _COLUMNS)
-    for joint in joints:
+        raise InputFileError(file, f"has the columns {', '.join(table.header)}", _RECORDING)
+    if not (told := table.named(TORQUE)):
+        found = f"tells no effort: it has the columns {', '.join(table.header)}"
+        raise InputFileError(file, found, _RECORDING)
+    for joint in joints:  # the effort first: that is what recordings lack
         table.columns(TORQUE, [joint])
-    names = table.named(POSITION)
-    efforts = np.full((len(table.values), len(names)), np.nan)
-    for j, joint in enumerate(names):
-        if joint in told:
-            efforts[:, j] = table.columns(TORQUE, [joint])[:, 0]
+    learned = [joint for joint in table.named(POSITION) if joint in (joints or told)]
+    names, position, effort = list[str](), list[FloatArray](), list[FloatArray]()
+    for joint in (*joints, *(j for j in table.named(POSITION) if j not in joints)):
+        try:
+            position.append(table.columns(POSITION, [joint])[:, 0])
+        except InputFileError:
+            if joint in joints or joint in learned:
+                raise
+            continue  # nobody has asked for it
+        names.append(joint)
+        if joint in joints or joint in learned:
+            effort.append(table.columns(TORQUE, [joint])[:, 0])
+        else:
+            effort.append(np.full(len(table.rows), np.nan))
+    order = [names.index(joint) for joint in dict.fromkeys(table.named(POSITION)) if joint in names]
     time_s = table.columns("", [TIME])[:, 0]
-    return JointRecording(str(file), names, time_s - time_s[0], table.columns(POSITION, names), efforts)
+    back = np.flatnonzero(np.diff(time_s) < 0.0)
+    if len(back):
+        k = int(back[0]) + 1
+        found = f"line {table.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
+        raise InputFileError(file, found, "rows in the order of time")
+    columns = [np.column_stack(values)[:, order] for values in (position, effort)]
+    return JointRecording(str(file), tuple(names[k] for k in order), time_s - time_s[0], *columns)
 
 
 def read_movement(
-    file: Path, joints: tuple[str, ...], duration_s: float | None, rate_hz: float
+    file: Path,
+    joints: tuple[str, ...],
+    duration_s: float | None,
+    rate_hz: float,
+    renaming: Renaming | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Read a movement.
 
@@ -111,6 +206,7 @@ def read_movement(
         joints: names, in the order of the columns that are returned.
         duration_s: of the movement along waypoints; None for a file that tells times.
         rate_hz: of the points along waypoints.
+        renaming: of the joints in a file that tells times.
 
     Returns:
         Times [s] of shape (n,), and q, q̇, q̈ of shape (n, 3 * n_joints). Velocities and accelerations that
@@ -121,11 +217,11 @@ def read_movement(
             do not increase.
         ConfigError: waypoints without a duration, or times with one.
     """
-    table = read_table(file)
+    table = read_table(file, renaming, _MOVEMENT)
     if TIME not in table.header:
         if duration_s is None or not 0.0 < duration_s < np.inf:
             expected = f"a time in s for the movement along the waypoints of {file} (it has no column {TIME})"
-            raise ConfigError("--duration-s", duration_s, expected)
+            raise ConfigError("--duration-s", "" if duration_s is None else duration_s, expected)
         path = waypoint_path(file.stem, read_waypoints(file, joints, "TRAJECTORY"))
         desired = sample(path, duration_s, rate_hz)
         inputs = stack_inputs(desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2)
@@ -135,7 +231,8 @@ def read_movement(
     time_s = table.columns("", [TIME])[:, 0]
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if len(wrong):
-        found = f"the time of row {wrong[0] + 2} is {time_s[wrong[0] + 1]:g} s after {time_s[wrong[0]]:g} s"
+        k = int(wrong[0]) + 1
+        found = f"line {table.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
         raise InputFileError(file, found, "times that increase")
     position = table.columns(POSITION, joints)
     velocity, acceleration = (

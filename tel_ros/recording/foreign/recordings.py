@@ -1,177 +1,201 @@
 """Joint recordings from CSVs and bags: rosbag1, rosbag2 in sqlite3 or MCAP, with or without metadata.yaml.
 
 Two messages are understood: ``sensor_msgs/JointState`` with efforts, and ``trajectory_msgs/JointTrajectory``
-whose points have efforts; each of the latter is a recording by itself. Types that a bag does not describe are
-those of ROS 2 Jazzy.
+whose points have efforts; each of the latter is a recording by itself.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 
 from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording.bag_format import METADATA_FILE, all_messages, reading, typestore
+from tel_ros.recording.any_bag import all_messages, open_any_bag, reading
 from tel_ros.recording.cdr import time_ns
+from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.foreign.csv_files import read_csv_recording
+from tel_ros.recording.foreign.joint_messages import Stamped, merged_states
+from tel_ros.recording.foreign.plausible import JointRange, require_plausible
+from tel_ros.recording.foreign.renaming import Renaming, advice
 from tel_ros.recording.topics import JOINT_STATE
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-DATA_FILES = (".mcap", ".db3")
 BAG_FILES = (".bag", *DATA_FILES)
 _EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajectory with efforts"
 
 
-def read_source(source: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What to read of recordings.
+
+    Args:
+        topic: of bags; empty: chosen by what the topics tell.
+        joints: to learn, in this order; empty: all whose efforts the first source tells, of those that the
+            URDF has.
+        urdf: ranges of the movable joints of the arm's URDF; empty: there is none.
+        renaming: of the joints in the recordings.
+    """
+
+    topic: str = ""
+    joints: tuple[str, ...] = ()
+    urdf: Mapping[str, JointRange] = field(default_factory=dict)
+    renaming: Renaming = Renaming()
+
+    def among(self, told: Sequence[str]) -> list[str]:
+        """Return the joints of those with efforts that are to be learned, as far as it is known."""
+        of_arm = self.joints or self.urdf
+        return [joint for joint in told if joint in of_arm] if of_arm else list(told)
+
+
+def read_source(source: Path, wanted: Wanted | None = None) -> list[JointRecording]:
     """Read a bag or a CSV: see :func:`read_bag` and :func:`.csv_files.read_csv_recording`."""
+    wanted = wanted or Wanted()
     if source.suffix.lower() == ".csv":
-        return [read_csv_recording(source, joints)]
-    if source.is_file() and source.suffix not in BAG_FILES:
+        return [read_csv_recording(source, wanted.joints, wanted.renaming)]
+    if source.is_file() and data_kind(source) not in BAG_FILES:
         expected = f"a folder of rosbag2, or a file {', '.join((*BAG_FILES, '.csv'))}"
         raise InputFileError(source, f"is a file {source.suffix or 'without an ending'}", expected)
-    return read_bag(source, topic, joints)
+    return read_bag(source, wanted)
 
 
 def read_sources(
-    sources: Sequence[Path], topic: str = "", joints: Sequence[str] = ()
-) -> tuple[list[JointRecording], dict[str, tuple[float, float]]]:
+    sources: Sequence[Path], wanted: Wanted | None = None
+) -> tuple[list[JointRecording], dict[str, tuple[float, float]], list[str]]:
     """Read recordings of one arm.
 
-    Args:
-        sources: bags and CSVs.
-        topic: of bags; empty: the one that has efforts.
-        joints: to learn, in this order; empty: all whose efforts the first source tells.
-
     Returns:
-        Recordings of these joints, each fit to be learned from; and within which positions other joints
-        stayed, by name.
+        Recordings of the joints to learn, each fit to be learned from; within which positions other joints
+        stayed, by name; and what is to be doubted, in words.
 
     Raises:
-        InputFileError: a source cannot be used, lacks a joint, or tells other joints than the first one.
+        InputFileError: a source cannot be used, cannot be of this arm, lacks a joint, or tells other joints
+            than the first one.
     """
-    found = [recording for source in sources for recording in read_source(source, topic, joints)]
-    joints = tuple(joints) or found[0].with_effort() or found[0].joints
+    wanted = wanted or Wanted()
+    found = [recording for source in sources for recording in read_source(source, wanted)]
+    told = found[0].with_effort()
+    joints = wanted.joints or tuple(wanted.among(told)) or told or found[0].joints
+    if wanted.urdf and not set(joints) <= wanted.urdf.keys():
+        other = [joint for joint in joints if joint not in wanted.urdf]
+        expected = f"movable joints of the URDF: {', '.join(wanted.urdf)}{advice(other, wanted.urdf)}"
+        raise InputFileError(found[0].source, f"has the joints {', '.join(other)}", expected)
     for recording in found:
-        extra = [joint for joint in recording.with_effort() if joint not in found[0].joints]
+        extra = [joint for joint in wanted.among(recording.with_effort()) if joint not in found[0].joints]
         if extra:
-            expected = f"the joints of {found[0].source}: {', '.join(found[0].joints)}"
+            expected = f"the joints of {found[0].source}: {', '.join(found[0].joints)}{advice(extra, joints)}"
             raise InputFileError(recording.source, f"has the joints {', '.join(extra)}", expected)
     chosen = [recording.of(joints) for recording in found]
+    doubts = []
     for recording in chosen:
         recording.require_learnable()
+        doubts += require_plausible(recording, wanted.urdf)
     others: dict[str, tuple[float, float]] = {}
     for recording in found:
         for joint, (low, high) in recording.ranges_rad().items():
             if joint not in joints:
                 least, most = others.get(joint, (low, high))
                 others[joint] = (min(least, low), max(most, high))
-    return chosen, others
+    return chosen, others, doubts
 
 
-def read_bag(bag: Path, topic: str = "", joints: Sequence[str] = ()) -> list[JointRecording]:
+def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
     """Read what a bag tells of joints and their efforts.
 
-    Args:
-        bag: a rosbag1 file, a folder of rosbag2, or one of its data files.
-        topic: to read; empty: the one topic that has efforts.
-        joints: that are wanted; empty: those of most messages. Messages without them are passed over.
+    Of several topics that one is read which tells most of the wanted joints; another one only if it has those
+    that this one lacks.
 
     Returns:
-        One recording for a topic of joint states, with all joints that its messages name; one for each
+        One recording for joint states, of all joints that their messages name, on one time base; one for each
         message of a topic of trajectories.
 
     Raises:
         InputFileError: the bag cannot be used, has no such topic or several to choose from, or no efforts.
     """
-    files = _files(bag)
-    with reading(bag, _EXPECTED), AnyReader(files, default_typestore=typestore()) as reader:
-        for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in reader.connections} - {"cdr"}:
-            raise InputFileError(bag, f"is serialised as {fmt!r}", "messages serialised as 'cdr'")
-        named = {c.topic: c.msgtype for c in reader.connections}
-        if topic and named.get(topic) not in (JOINT_STATE, JOINT_TRAJECTORY):
-            found = f"{topic} has messages {named[topic]}" if topic in named else f"has no topic {topic}"
-            raise InputFileError(bag, found, f"a topic of joints (it has {_list(named)})")
-        of_joints = [t for t, kind in named.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
-        topics = [topic] if topic else of_joints
-        if not topics:
-            raise InputFileError(bag, f"has the topics {_list(named) or 'of no messages'}", _EXPECTED)
-        read = {
-            t: _Messages(
-                bag, t, named[t], all_messages(bag, reader, [c for c in reader.connections if c.topic == t])
+    wanted = wanted or Wanted()
+    with reading(bag, _EXPECTED), open_any_bag(bag, closed=False) as reader:
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+        of_joints = [t for t, kind in kinds.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
+        if wanted.topic and wanted.topic not in of_joints:
+            known = wanted.topic in kinds
+            found = (
+                f"{wanted.topic} has messages {kinds[wanted.topic]}"
+                if known
+                else f"has no topic {wanted.topic}"
             )
-            for t in sorted(topics)
-        }
-    if not any(m.stamped for m in read.values()):
+            raise InputFileError(bag, found, f"a topic of joints (it has {_list(kinds)})")
+        topics = [wanted.topic] if wanted.topic else sorted(of_joints)
+        if not topics:
+            raise InputFileError(bag, f"has the topics {_list(kinds) or 'of no messages'}", _EXPECTED)
+        read: dict[str, list[tuple[int, Any]]] = {}
+        for topic in topics:
+            connections = [c for c in reader.connections if c.topic == topic]
+            for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in connections} - {"cdr", "ros1"}:
+                raise InputFileError(
+                    bag, f"has {topic} serialised as {fmt!r}", "messages serialised as 'cdr'"
+                )
+            read[topic] = all_messages(bag, reader, connections)
+    if not any(read.values()):
         raise InputFileError(bag, f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
-    with_effort = {t: m for t, m in read.items() if m.has_effort(joints)}
-    if not with_effort:
-        found = f"tells no effort on {', '.join(read)}" + (f" for {', '.join(joints)}" if joints else "")
-        raise InputFileError(bag, found, "efforts in N·m: what the torque is learned from")
-    if len(with_effort) > 1:
-        raise InputFileError(bag, f"tells efforts on {', '.join(with_effort)}", "one of them as --topic")
-    return next(iter(with_effort.values())).recordings(joints)
+    told = {t: _with_effort(kinds[t], messages, wanted.renaming) for t, messages in read.items()}
+    every = list(dict.fromkeys(joint for names in told.values() for joint in names))
+    missing = [joint for joint in wanted.joints if joint not in every]
+    if missing or not every:
+        found = f"tells no effort on {', '.join(read)}" + (f" for {', '.join(missing)}" if missing else "")
+        raise InputFileError(
+            bag, found, f"efforts in N·m: what the torque is learned from{advice(every, missing)}"
+        )
+    fitting = {t: set(wanted.among(names)) for t, names in told.items()}
+    if not any(fitting.values()):
+        expected = f"joints of the URDF: {', '.join(wanted.urdf)}{advice(every, wanted.urdf)}"
+        raise InputFileError(bag, f"tells efforts of {', '.join(every)}", expected)
+    best = max(fitting, key=lambda topic: len(fitting[topic]))
+    chosen, covered = {best: fitting[best]}, set(fitting[best])
+    for topic in sorted(fitting, key=lambda each: -len(fitting[each])):
+        if topic == best or not fitting[topic]:
+            continue
+        of_arm = bool(wanted.joints or wanted.urdf)
+        if not of_arm or fitting[topic] >= covered:
+            both = ", ".join(each for each in fitting if fitting[each])
+            raise InputFileError(bag, f"tells efforts on {both}", "one of them as --topic")
+        if kinds[topic] == JOINT_STATE and (new := fitting[topic] - covered):
+            chosen[topic] = new
+            covered |= new
+    source = f"{bag}: {', '.join(chosen)}"
+    if kinds[best] == JOINT_TRAJECTORY:
+        return [
+            _of_trajectory(source, message, wanted.renaming)
+            for _, message in read[best]
+            if fitting[best] <= set(map(wanted.renaming, message.joint_names)) and _tells_effort(message)
+        ]
+    stamped = [
+        Stamped(recorded_ns, message, tuple(map(wanted.renaming, message.name)), None if t == best else only)
+        for t, only in chosen.items()
+        for recorded_ns, message in read[t]
+    ]
+    return [merged_states(source, stamped, wanted.joints or sorted(covered))]
 
 
-@dataclass(frozen=True)
-class _Messages:
-    """The messages of a topic, each with the time at which it was recorded [ns]."""
-
-    bag: Path
-    topic: str
-    kind: str
-    stamped: list[tuple[int, Any]]
-
-    def has_effort(self, joints: Sequence[str]) -> bool:
-        """Whether there are efforts for these joints, or for any."""
-        return any(_has_effort(self.kind, m) and set(joints) <= _names(self.kind, m) for _, m in self.stamped)
-
-    def recordings(self, joints: Sequence[str]) -> list[JointRecording]:
-        """Return what the messages with these joints tell."""
-        groups = defaultdict(list)
-        for recorded_ns, message in self.stamped:
-            names = _names(self.kind, message)
-            if set(joints) <= names and _has_effort(self.kind, message):
-                groups[tuple(sorted(names))].append((recorded_ns, message))
-        chosen = max(groups.values(), key=len)
-        source = f"{self.bag}: {self.topic}"
-        if self.kind == JOINT_TRAJECTORY:
-            return [_of_trajectory(source, message) for _, message in chosen]
-        return [_of_states(source, chosen)]
+def _with_effort(kind: str, messages: Sequence[tuple[int, Any]], renaming: Renaming) -> list[str]:
+    """Return the joints whose efforts some messages tell."""
+    if kind == JOINT_STATE:
+        names = {tuple(message.name) for _, message in messages if len(message.effort)}
+    else:
+        names = {tuple(message.joint_names) for _, message in messages if _tells_effort(message)}
+    return list(dict.fromkeys(renaming(name) for each in sorted(names) for name in each))
 
 
-def _of_states(source: str, stamped: Sequence[tuple[int, Any]]) -> JointRecording:
-    names = tuple(stamped[0][1].name)
-    moments_ns = np.array([time_ns(message.header.stamp) for _, message in stamped], dtype=np.int64)
-    if not np.any(moments_ns):  # nobody has set the stamps
-        moments_ns = np.array([recorded_ns for recorded_ns, _ in stamped], dtype=np.int64)
-    order = {names: np.arange(len(names))}
-
-    def rows(field: str) -> FloatArray:
-        values = np.empty((len(stamped), len(names)))
-        for k, (_, message) in enumerate(stamped):
-            row, its_names = getattr(message, field), tuple(message.name)
-            if its_names not in order:
-                order[its_names] = np.array([its_names.index(name) for name in names])
-            if len(row) != len(names):
-                found = f"message {k + 1} has {counted(len(row), 'value')} in {field}"
-                raise InputFileError(source, found, f"one for each of its {len(names)} joints")
-            values[k] = np.asarray(row)[order[its_names]]
-        return values
-
-    time_s = (moments_ns - moments_ns[0]) / NS_PER_S
-    return JointRecording(source, names, time_s, rows("position"), rows("effort"))
+def _tells_effort(message: Any) -> bool:
+    return any(len(point.effort) > 0 for point in message.points)
 
 
-def _of_trajectory(source: str, message: Any) -> JointRecording:
-    names = tuple(message.joint_names)
+def _of_trajectory(source: str, message: Any, renaming: Renaming) -> JointRecording:
+    names = tuple(map(renaming, message.joint_names))
     moments_ns = np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
 
     def rows(field: str) -> FloatArray:
@@ -184,28 +208,6 @@ def _of_trajectory(source: str, message: Any) -> JointRecording:
 
     time_s = (moments_ns - moments_ns[0]) / NS_PER_S
     return JointRecording(source, names, time_s, rows("positions"), rows("effort"))
-
-
-def _names(kind: str, message: Any) -> set[str]:
-    return set(message.name if kind == JOINT_STATE else message.joint_names)
-
-
-def _has_effort(kind: str, message: Any) -> bool:
-    if kind == JOINT_STATE:
-        return len(message.effort) > 0
-    return any(len(point.effort) > 0 for point in message.points)
-
-
-def _files(bag: Path) -> list[Path]:
-    if not bag.exists():
-        raise InputFileError(bag, "there is no such file or folder", _EXPECTED)
-    if bag.is_file() or (bag / METADATA_FILE).is_file():
-        return [bag]
-    # A recording that was cut off, or somebody has copied the data alone.
-    files = sorted(file for file in bag.iterdir() if file.suffix in DATA_FILES)
-    if not files:
-        raise InputFileError(bag, "has neither metadata.yaml nor data files", _EXPECTED)
-    return files
 
 
 def _list(named: dict[str, str]) -> str:

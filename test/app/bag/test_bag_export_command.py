@@ -218,8 +218,8 @@ def test_what_cannot_be_exported_is_said_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for source, out, said in (
         (SAMPLE, tmp_path / "there", "exists already"),
-        (tmp_path / "nothing", tmp_path / "out", "there is no such bag"),
-        (tmp_path / "there", tmp_path / "out", "holds no bag"),
+        (tmp_path / "nothing", tmp_path / "out", "there is no such file or folder"),
+        (tmp_path / "there", tmp_path / "out", "is a folder without metadata.yaml and data files"),
     ):
         result = tel("bag", "export", source, "--out", out)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

@@ -41,7 +41,7 @@ def test_it_says_what_was_saved_and_where(unfinished: Path, tmp_path: Path) -> N
     lines = done.output.splitlines()
     assert lines[0].split() == ["20", f"/{topics.JOINT_STATES}"]
     assert lines[-3:] == [
-        "0 bytes after the last whole chunk are lost",
+        "trial_002.mcap: 20 messages saved, nothing is lost (it was not closed, or is damaged)",
         "the end of the trial is missing",
         f"recovered into {bag}, from {unfinished}",
     ]

@@ -180,7 +180,7 @@ def test_a_bag_in_sqlite3_gives_the_same_file(tmp_path: Path) -> None:
     ):
         for connection in reader.connections:
             offered = connection.ext.offered_qos_profiles
-            writer.add_topic(connection.topic, connection.msgtype, reader.typestore, offered)
+            writer.add_topic(connection.topic, connection.msgtype, offered)
         for connection, time_ns, raw in reader.messages():
             writer.write(connection.topic, time_ns, bytes(raw))
     exported = export(tmp_path / "trial_002", tmp_path / "out")
@@ -212,7 +212,7 @@ def test_a_trial_of_another_arm_is_left_out(run: Path, tmp_path: Path) -> None:
         BagWriter(run / "trial_002", metadata) as writer,
     ):
         for connection in reader.connections:
-            writer.add_topic(connection.topic, connection.msgtype, reader.typestore)
+            writer.add_topic(connection.topic, connection.msgtype, ())
         for connection, time_ns, raw in reader.messages():
             if connection.topic.removeprefix("/") in topics.RECORDED_ONCE:
                 message = reader.deserialize(raw, connection.msgtype)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from sqlite3 import connect
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from tel_ros.core.errors import InputFileError
 from tel_ros.recording.foreign.recordings import (
     JOINT_STATE,
     JOINT_TRAJECTORY,
+    Wanted,
     read_bag,
     read_source,
     read_sources,
@@ -119,7 +122,15 @@ def test_every_form_of_a_bag_tells_the_same(tmp_path: Path, make: Callable[[Path
 
 def test_messages_may_name_the_joints_in_any_order(tmp_path: Path) -> None:
     mixed = [state(k, NAMES if k % 3 else NAMES[::-1]) for k in range(len(TIME_NS))]
-    (found,) = read_bag(write(tmp_path / "bag", {"/joint_states": mixed}), joints=["shoulder", "elbow"])
+    (found,) = read_bag(
+        write(tmp_path / "bag", {"/joint_states": mixed}),
+        Wanted(
+            joints=(
+                "shoulder",
+                "elbow",
+            )
+        ),
+    )
     np.testing.assert_array_equal(found.of(RECORDING.joints).position_rad, RECORDING.position_rad)
 
 
@@ -180,7 +191,7 @@ def test_no_effort_is_refused(tmp_path: Path) -> None:
 
 
 def test_joints_that_nobody_recorded_are_refused(tmp_path: Path) -> None:
-    assert "no effort on /joint_states for wrist" in refusal(mcap(tmp_path), joints=["wrist"])
+    assert "no effort on /joint_states for wrist" in refusal(mcap(tmp_path), Wanted(joints=("wrist",)))
 
 
 def test_an_empty_bag_is_refused(tmp_path: Path) -> None:
@@ -197,8 +208,8 @@ def test_a_bag_without_joints_is_refused_with_what_it_has(tmp_path: Path) -> Non
 def test_two_topics_with_efforts_ask_for_a_choice(tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", {"/left": states(), "/right": states()})
     assert "/left, /right; expected one of them as --topic" in refusal(bag)
-    assert "has no topic /middle" in refusal(bag, topic="/middle")
-    assert read_bag(bag, topic="/right")[0].source.endswith("/right")
+    assert "has no topic /middle" in refusal(bag, Wanted(topic="/middle"))
+    assert read_bag(bag, Wanted(topic="/right"))[0].source.endswith("/right")
 
 
 def test_a_file_that_the_metadata_names_and_that_is_gone_is_named(tmp_path: Path) -> None:
@@ -208,13 +219,10 @@ def test_a_file_that_the_metadata_names_and_that_is_gone_is_named(tmp_path: Path
 
 
 def test_another_serialisation_is_refused(tmp_path: Path) -> None:
-    bag = mcap(tmp_path)
-    metadata = (bag / "metadata.yaml").read_text()
-    assert "serialization_format: cdr" in metadata
-    (bag / "metadata.yaml").write_text(
-        metadata.replace("serialization_format: cdr", "serialization_format: protobuf")
-    )
-    assert "protobuf" in refusal(bag)
+    bag = sqlite3(tmp_path)
+    with closing(connect(bag / "sqlite3.db3")) as database, database:
+        database.execute("UPDATE topics SET serialization_format = 'protobuf'")
+    assert "has /joint_states serialised as 'protobuf'" in refusal(bag)
 
 
 def test_messages_that_are_announced_and_missing_are_noticed(tmp_path: Path) -> None:
@@ -233,7 +241,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path: Path, damage: bytes) ->
 
 def test_what_is_not_there_or_no_bag_is_refused(tmp_path: Path) -> None:
     assert "no such file or folder" in refusal(tmp_path / "nowhere")
-    assert "neither metadata.yaml nor data files" in refusal(tmp_path)
+    assert "is a folder without metadata.yaml and data files" in refusal(tmp_path)
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(InputFileError, match=r"is a file .txt; expected .*\.bag, \.mcap, \.db3, \.csv"):
         read_source(tmp_path / "notes.txt")
@@ -251,7 +259,7 @@ def test_several_sources_are_read_in_the_same_order_of_joints(tmp_path: Path) ->
     values = np.column_stack([RECORDING.time_s, RECORDING.position_rad, RECORDING.effort_nm])
     header = "time_s,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
     np.savetxt(csv, values, delimiter=",", header=header, comments="")
-    found, others = read_sources([bag, csv])
+    found, others, _ = read_sources([bag, csv])
     assert [recording.joints for recording in found] == [("elbow", "shoulder")] * 2
     for recording in found:
         np.testing.assert_allclose(recording.effort_nm, RECORDING.effort_nm[:, ::-1])
@@ -259,7 +267,7 @@ def test_several_sources_are_read_in_the_same_order_of_joints(tmp_path: Path) ->
 
 
 def test_joints_that_are_not_learned_tell_where_they_were(tmp_path: Path) -> None:
-    found, others = read_sources([mcap(tmp_path)], joints=["elbow"])
+    found, others, _ = read_sources([mcap(tmp_path)], Wanted(joints=("elbow",)))
     assert found[0].joints == ("elbow",)
     (joint, (low, high)), *rest = others.items()
     assert (joint, rest) == ("shoulder", [])
