@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 from tel_ros.app.config_argument import namespace_option
-from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
-from tel_ros.core.errors import TelError
+from tel_ros.app.errors import EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, Interruption, end
+from tel_ros.core.errors import TelError, counted
 
 if TYPE_CHECKING:
     from tel_ros.nodes.bag_player import BagPlayer

@@ -28,7 +28,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.recording.bag_format import definition, typestore
 from tel_ros.recording.data_files import DATA_FILES, data_kind, message_bytes, opened_file
 from tel_ros.recording.run_folder import is_run_folder
@@ -144,7 +144,8 @@ def all_messages(
     if not exactly:
         announced = max(announced, sum(c.msgcount for c in connections))
     if len(found) < announced or (exactly and len(found) > announced):
-        raise BagError(bag, f"yields {len(found)} messages of {topic}", f"the {announced} that it announces")
+        what = f"yields {counted(len(found), 'message')} of {topic}"
+        raise BagError(bag, what, f"the {announced} that it announces")
     return found
 
 

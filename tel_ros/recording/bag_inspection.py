@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics

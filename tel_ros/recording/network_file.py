@@ -71,7 +71,7 @@ def load_network(path: Path) -> Learner:
             ranges without width.
     """
     if not path.is_file():
-        raise NetworkFileError(path, "is a folder" if path.is_dir() else "there is no such file", _EXPECTED)
+        raise NetworkFileError(path, missing(path), _EXPECTED)
     with path.open("rb") as file:
         if file.read(2) != b"PK":  # of every .npz; NumPy would speak of pickles
             raise NetworkFileError(path, "not readable (it is no .npz)", _EXPECTED)

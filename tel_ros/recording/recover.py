@@ -12,7 +12,7 @@ from typing import Literal
 import yaml
 
 from tel_ros.core.config import RecordingConfig
-from tel_ros.core.errors import BagError, TelError
+from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.any_bag import (
@@ -146,7 +146,7 @@ def _custom_data(unfinished: Path) -> dict[str, str]:
 
 def _rewrite(reader: AnyBag, out: Path, metadata: dict[str, str], kind: str) -> dict[str, int]:
     n = sum(connection.msgcount for connection in reader.connections)
-    saved = f"{n} messages, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
+    saved = f"{counted(n, 'message')}, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
     storage: Literal["mcap", "sqlite3"] = "mcap" if kind == ".mcap" else "sqlite3"
     with BagWriter(out, metadata | {RECOVERED: saved}, RecordingConfig(storage=storage)) as writer:
         for connection in reader.connections:

@@ -34,7 +34,6 @@ from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.config_file import config_from, dump_config
 from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.provenance import stored_files
-from tel_ros.recording.shared_files import missing
 from tel_ros.recording.trial_result import report_of
 
 _EXPECTED = "a closed rosbag2 folder of a trial"

@@ -11,7 +11,7 @@ import click
 
 from tel_ros.app.errors import EXIT_NOT_COMPLETED
 from tel_ros.app.tables import show
-from tel_ros.core.errors import BagError
+from tel_ros.core.errors import BagError, counted
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import is_run_folder
 
@@ -153,9 +153,9 @@ def recover(unfinished: Path, out: Path | None, as_json: bool) -> None:
     for topic, n in found.counts.items():
         click.echo(f"{n:8d}  {topic}")
     for file in found.files:
-        lost = f"{file.lost_bytes} bytes of it are lost" if file.lost_bytes else "nothing is lost"
+        lost = f"{counted(file.lost_bytes, 'byte')} of it are lost" if file.lost_bytes else "nothing is lost"
         state = "" if file.whole else f" ({file.problem or 'it was not closed, or is damaged'})"
-        click.echo(f"{file.name}: {file.messages} messages saved, {lost}{state}")
+        click.echo(f"{file.name}: {counted(file.messages, 'message')} saved, {lost}{state}")
     if any(topics.is_named(topic, topics.CONTROL_STATES) for topic in found.counts):
         click.echo("the trial had ended" if found.has_result else "the end of the trial is missing")
     click.echo(f"recovered into {found.bag}, from {unfinished}")

@@ -115,7 +115,7 @@ def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RE
         raise InputFileError(file, "has no rows", f"rows below the header of {expected}")
     for row, number in zip(rows, numbers, strict=True):
         if len(row) != len(header) and (len(row) < len(header) or any(row[len(header) :])):
-            found = f"line {number} has {len(row)} values"
+            found = f"line {number} has {counted(len(row), 'value')}"
             more = ", with decimal points" if len(row) > len(header) else ""
             raise InputFileError(file, found, f"{len(header)}, as in its header{more}")
     renamed = renaming or Renaming()

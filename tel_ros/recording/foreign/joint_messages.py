@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tel_ros.core.errors import InputFileError
+from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording.cdr import time_ns
@@ -76,7 +76,7 @@ def _columns(
         for field, array in zip(("position", "effort"), values, strict=True):
             told = getattr(each.message, field)
             if len(told) != len(each.names) and len(each.message.effort):
-                found = f"message {k + 1} has {len(told)} values in {field}"
+                found = f"message {k + 1} has {counted(len(told), 'value')} in {field}"
                 raise InputFileError(source, found, f"one for each of its {len(each.names)} joints")
             if len(told) == len(each.names):
                 array[k, columns] = np.asarray(told)[taken]

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from tel_ros.core.arm_description import MOVABLE
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import FloatArray
+from tel_ros.core.urdf import Joint, Urdf
 
 LOWEST_HZ, HIGHEST_HZ = 30.0, 1000.0
 """Documented: docs/imported-bags.md."""
@@ -37,17 +38,19 @@ class JointRange:
     velocity: float
 
 
-def joint_ranges(urdf: Any) -> dict[str, JointRange]:
-    """Return the ranges of all movable joints of a parsed URDF."""
-    ranges = {}
-    for joint in urdf.joints:
-        if joint.type in ("revolute", "continuous", "prismatic"):
-            limit, turns = joint.limit, joint.type == "continuous"
-            low, high = (float(getattr(limit, side, None) or 0.0) for side in ("lower", "upper"))
-            known = not turns and low < high
-            speed = float(getattr(limit, "velocity", None) or np.inf)
-            ranges[joint.name] = JointRange(*((low, high) if known else (-np.inf, np.inf)), speed)
-    return ranges
+def joint_ranges(urdf: Urdf) -> dict[str, JointRange]:
+    """Return the ranges of all movable joints, as far as the file tells them."""
+    return {name: _range(urdf, joint) for name, joint in urdf.joints.items() if joint.kind in MOVABLE}
+
+
+def _range(urdf: Urdf, joint: Joint) -> JointRange:
+    try:
+        names = ("lower", "upper", "velocity")
+        low, high, speed = (urdf.numbers(joint.element, "limit", name, (0.0,))[0] for name in names)
+    except InputFileError:  # whoever needs the limits refuses them
+        low = high = speed = 0.0
+    ends = (low, high) if low < high and joint.kind != "continuous" else (-np.inf, np.inf)
+    return JointRange(*ends, speed or np.inf)
 
 
 def require_plausible(recording: JointRecording, ranges: Mapping[str, JointRange]) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tel_ros.core.errors import InputFileError, counted
+from tel_ros.core.errors import InputFileError
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording.any_bag import all_messages, open_any_bag, reading
