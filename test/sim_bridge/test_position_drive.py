@@ -92,7 +92,7 @@ def test_practice_learns_drives_whatever_their_stiffness_really_is(scale: float)
     first, second = practised(
         "planar_arm",
         *("arm.command_interface=position", f"sim.drive_stiffness_scale={scale}"),
-        *("practice.durations_s=[8.0, 5.0]", "practice.goal_duration_s=5.0"),
+        *("practice.durations_s=[6.0, 4.5]", "practice.goal_duration_s=4.5"),
     )
     assert first.trial.report.rms_error_rad > 0.05
     assert np.max(second.trial.report.rms_error_per_joint_rad) < 3e-3
@@ -104,7 +104,7 @@ def test_practice_learns_drives_whatever_their_stiffness_really_is(scale: float)
 def test_an_arm_under_gravity_is_learned_through_its_drives() -> None:
     first, second = practised(
         "kuka_iiwa",
-        *("arm.command_interface=position", "practice.durations_s=[4.0, 2.0]"),
+        *("arm.command_interface=position", "practice.durations_s=[3.0, 2.0]"),
         "practice.goal_duration_s=2.0",
     )
     assert first.trial.report.rms_error_rad > 0.03

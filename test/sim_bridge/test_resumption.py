@@ -51,11 +51,11 @@ OVERRIDES = (
 EQUAL = ("index", "alpha", "reason", "expected_rms_rad", "training_rms_after_rad", "grown", "outcome")
 
 
-@pytest.fixture(scope="module", params=["mcap", "sqlite3"])
+@pytest.fixture(scope="module")
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was not interrupted. Tests only look at it: making it takes seconds."""
-    folder = tmp_path_factory.mktemp("runs") / "run"
-    record_run(folder, load_config(PLANAR_ARM, [*OVERRIDES, f"recording.storage={request.param}"]))
+    folder, storage = tmp_path_factory.mktemp("runs") / "run", getattr(request, "param", "mcap")
+    record_run(folder, load_config(PLANAR_ARM, [*OVERRIDES, f"recording.storage={storage}"]))
     return folder
 
 
@@ -92,7 +92,11 @@ def made_arm(config: Config) -> SimulatedArm:
     return SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed)
 
 
-@pytest.mark.parametrize(("bags", "rows"), [(0, 0), (1, 1), (2, 1), (2, 2)])
+@pytest.mark.parametrize(
+    ("whole", "bags", "rows"),
+    [("mcap", 0, 0), ("mcap", 1, 1), ("mcap", 2, 1), ("mcap", 2, 2), ("sqlite3", 2, 1)],
+    indirect=["whole"],
+)
 def test_rows_and_networks_are_those_of_the_run_without_interruption(
     whole: Path, interrupted: Callable[..., Path], bags: int, rows: int
 ) -> None:
@@ -109,7 +113,7 @@ def test_rows_and_networks_are_those_of_the_run_without_interruption(
     assert bags == 0 or (run / NETWORK_FILE).read_bytes() == network_after(whole, bags).read_bytes()
 
 
-@pytest.mark.parametrize("bags", [0, 1, 2])
+@pytest.mark.parametrize("bags", [0, 2])
 def test_the_strategy_goes_on_with_what_it_had_decided(
     whole: Path, interrupted: Callable[..., Path], bags: int
 ) -> None:
@@ -190,6 +194,7 @@ def test_an_arm_that_does_not_follow_the_records_rests_where_it_was_last(whole: 
     arm.close()
 
 
+@pytest.mark.parametrize("whole", ["mcap", "sqlite3"], indirect=True)
 def test_what_a_crash_has_left_is_set_aside_and_told(interrupted: Callable[..., Path]) -> None:
     run = interrupted(2, 2)
     left = run / UNFINISHED / "trial_003"
