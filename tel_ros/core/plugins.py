@@ -17,15 +17,10 @@ def plugin(
     methods: Sequence[str],
     made: Callable[[Any], Any] = lambda found: found,
 ) -> Any:
-    """Return one of ours, or the object that an installed entry point names.
+    """Return one of ours, whose names another package cannot take, or what an installed entry point names.
 
-    Args:
-        key: of the configuration, for messages.
-        name: which one.
-        group: of the entry points.
-        ours: by name, which another package cannot take.
-        methods: that the object has to have.
-        made: makes the object from what is found under the name.
+    ``key``: of the configuration, for messages. ``methods``: that the object has to have. ``made``: makes the
+    object from what is found under the name.
 
     Raises:
         ConfigError: the name is not known, or what the entry point names cannot be used.

@@ -126,13 +126,8 @@ def stuck_trust(residual_rad: FloatArray, sliding: BoolArray, coulomb_rad: Float
     be anything within ±c, with variance c² / 3. Without dry friction all samples count the same. So they do
     for a joint that never slides: the torque that holds it still is all that can be learned.
 
-    Args:
-        residual_rad: of a fit to the sliding samples. Shape (n, n_joints).
-        sliding: see :func:`~.noise.slides_throughout`. Shape (n, n_joints).
-        coulomb_rad: c / K that the fit has found. Shape (n_joints,).
-
-    Returns:
-        Above 0, up to 1. Shape (n_joints,).
+    ``residual_rad``, shape (n, n_joints), is that of a fit to the samples that slide
+    (:func:`~.noise.slides_throughout`), ``coulomb_rad`` the c / K that it has found. Above 0, up to 1.
     """
     n_sliding = np.count_nonzero(sliding, axis=0)
     squares = np.sum(np.where(sliding, residual_rad, 0.0) ** 2, axis=0)
@@ -177,12 +172,9 @@ def arm_has_changed(
     worse for the new one than a fit to it alone, and much worse than such fits have been, averaged over
     joints.
 
-    Args:
-        error_rad: of the prediction of the trial. Shape (n, n_joints).
-        std_rad: what was expected of it. Shape (n, n_joints).
-        usual_rad: RMS residual of the trial before, after it had been learned. Shape (n_joints,).
-        residuals: RMS residual of the new trial in a fit to all, and in a fit to it alone, each of shape
-            (n_joints,); called only if the trial is a surprise.
+    Errors of the prediction and what was expected of them have the shape (n, n_joints). ``usual_rad``, shape
+    (n_joints,), is the RMS residual of the trial before, after it had been learned; ``residuals`` returns
+    that of the new trial in a fit to all, and in a fit to it alone. It is called only after a surprise.
     """
     if np.sqrt(np.mean((error_rad / std_rad) ** 2)) < _SURPRISING:
         return False

@@ -138,10 +138,8 @@ def training_pair(
 
     Only the command û that was sent has a known outcome ŷ, so the error is always δ = û - N(ŷ). ``actual``
     removes it at ŷ, ``desired`` changes the output at y by the same δ ([Practice] Sec. 2.1 and Fig. 1;
-    convergence by Theorems 2 and 1). δ is that of the network before training, as in Theorem 1.
-
-    Returns:
-        Inputs of shape (n, 3 * n_joints) and targets in rad of shape (n, n_joints).
+    convergence by Theorems 2 and 1). δ is that of the network before training, as in Theorem 1. The targets
+    are in rad, of shape (n, n_joints).
 
     Raises:
         TrainingError: a sample is not finite.

@@ -59,15 +59,15 @@ def on_one_thread(function: Callable[P, R]) -> Callable[P, R]:
 class NormalEquations:
     """Sums over samples with regressors y and targets t, solved with a ridge.
 
-    Args:
-        gram: Σ yyᵀ, freed of what noise in the regressors has added. Shape (n, n).
-        moment: Σ y t. Shape (n,).
-        effect: Σ y² as it is, noise included. Shape (n,).
+    Shapes (n, n), (n,), (n,).
     """
 
     gram: FloatArray
+    """Σ yyᵀ, freed of what noise in the regressors has added."""
     moment: FloatArray
+    """Σ y t."""
     effect: FloatArray
+    """Σ y² as it is, noise included."""
 
     @classmethod
     def empty(cls, n: int) -> Self:
@@ -100,13 +100,7 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class TreeData:
-    """Samples in the units of a tree.
-
-    Args:
-        inputs: in 0 … 1. Shape (n, D).
-        noise: standard deviation of the noise in each input, in parts of its range. Shape (n, D).
-        weight: shape (n,).
-    """
+    """Samples in the units of a tree: inputs in 0 … 1 and their noise (n, D), weights (n,)."""
 
     inputs: FloatArray
     noise: FloatArray

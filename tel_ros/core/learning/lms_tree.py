@@ -33,11 +33,9 @@ class LmsTree:
     subtree that hangs under leaf (k, d, i) has g = g_k φ_d,i, so that each way from the root is a product of
     one-dimensional Gaussians.
 
-    Args:
-        n_inputs: D.
-        n_gaussians: G, evenly spaced centres c_i from 0 to 1 for each input.
-        width: σ in units of the spacing (ours: 1 lets neighbours overlap by 0.61 of their peak).
-        normalised: divide the Gaussians of each input by their sum, so that they add up to 1 everywhere.
+    D inputs have G Gaussians each, with evenly spaced centres c_i from 0 to 1; ``width`` is σ in units of the
+    spacing (ours: 1 lets neighbours overlap by 0.61 of their peak). ``normalised``: the Gaussians of each
+    input are divided by their sum, so that they add up to 1 everywhere.
     """
 
     def __init__(self, n_inputs: int, n_gaussians: int, width: float, *, normalised: bool = False) -> None:
@@ -96,14 +94,8 @@ class LmsTree:
     ) -> FloatArray:
         """Go once through samples with the normalised LMS rule Δw = γ e ψ / (ε + |ψ|²), e = target - N(x).
 
-        Args:
-            inputs: shape (n, D) in 0 … 1.
-            target: shape (n,).
-            rate: γ, 0 < γ <= 1.
-            order: rows in the order in which to learn; None: as they come.
-
-        Returns:
-            Variance of each weight's changes over the samples. Shape of ``weights``.
+        Inputs of shape (n, D) in 0 … 1, targets (n,), rate γ up to 1; ``order``: of the rows, None: as they
+        come. Returns the variance of each weight's changes over the samples, in the shape of ``weights``.
         """
         order = np.arange(len(inputs)) if order is None else order
         self.weights = self.weights.copy()

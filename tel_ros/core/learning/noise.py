@@ -81,9 +81,7 @@ def choose_cutoff_hz(values: FloatArray, period_s: float) -> float:
     If the noise does not show (it is negligible even in unfiltered accelerations, or the motion goes on up to
     half of the rate), it is the upper end of that range; at 50 Hz or less, 0: no filter.
 
-    Args:
-        values: positions in rad while the arm moves, evenly sampled; at least 50 rows. Shape (n, n_joints).
-        period_s: from row to row.
+    ``values`` are positions in rad while the arm moves, evenly sampled, at least 50 rows of n_joints.
     """
     frequency_hz, power, floor = _spectrum(values, period_s)
     rate_hz = 1.0 / period_s

@@ -73,28 +73,21 @@ def learning_record(trial: Trial) -> TrialSignals:
 
 @dataclass(frozen=True)
 class TrainingSamples:
-    """Pairs to learn from.
-
-    Args:
-        actual: ŷ as inputs of the network. Shape (n, 3 * n_joints).
-        desired: y at the same moments. Shape (n, 3 * n_joints).
-        offset_rad: û - q̂, what N(ŷ) should have been. Shape (n, n_joints).
-        input_noise: standard deviation of the noise that is left in each column of ``actual``.
-            Shape (3 * n_joints,); empty if not known.
-        period_s: from sample to sample (where none is left out); 0 if not known.
-        bandwidth_hz: what lies above has been filtered away; half of the sampling rate if nothing was
-            filtered, inf if not known.
-        sliding: whether each joint moves in one direction in all that a sample is made of, so that dry
-            friction has one sign there. Shape (n, n_joints); empty if not known.
-    """
+    """Pairs to learn from: ŷ and y as inputs of the network (n, 3 * n_joints), offsets (n, n_joints)."""
 
     actual: FloatArray
     desired: FloatArray
     offset_rad: FloatArray
+    """û - q̂, what N(ŷ) should have been."""
     input_noise: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Standard deviation of the noise left in each column of ``actual``; empty if not known."""
     period_s: float = 0.0
+    """From sample to sample, where none is left out; 0 if not known."""
     bandwidth_hz: float = math.inf
+    """Above it is nothing: the filter's, or half of the sampling rate; inf if not known."""
     sliding: BoolArray = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+    """Whether each joint moves in one direction in all that a sample is made of, so that dry friction has one
+    sign there. Shape (n, n_joints); empty if not known."""
 
     @property
     def certain(self) -> BoolArray:
@@ -124,12 +117,9 @@ def training_samples(
     the neighbours that filter and differences mix with them: half a period of the cutoff on either side, at
     least one tick.
 
-    Args:
-        trial: the record.
-        cutoff_hz: of :func:`~.noise.low_pass`. None: chosen from the positions of this trial's RUN, see
-            :func:`~.noise.choose_cutoff_hz`.
-        most_hz: limit of a cutoff that is chosen. What a joint does at higher frequencies (stick-slip, say)
-            can be far above its noise and still say nothing about inertia.
+    The cutoff is that of :func:`~.noise.low_pass`; None: chosen from the positions of this trial's RUN, see
+    :func:`~.noise.choose_cutoff_hz`, up to ``most_hz``. What a joint does at higher frequencies (stick-slip,
+    say) can be far above its noise and still say nothing about inertia.
 
     Raises:
         TrainingError: fewer than 50 ticks of RUN are left, or a value is not finite.

@@ -85,13 +85,10 @@ def torque_samples(
 ) -> list[TorqueSamples]:
     """Resample, filter and differentiate a recording, each unbroken part by itself.
 
-    Args:
-        recording: that has passed :meth:`~.joint_recording.JointRecording.require_learnable`.
-        cutoff_hz: -3 dB of one pass of the filter; 0: no filter; None: :func:`chosen_cutoff_hz` of each part.
-        most_hz: rate of what is returned, at most; it is the recording's divided by a whole number.
-
-    Returns:
-        One for each part that is long enough, without the ends of the part, in which the filter rings.
+    It has passed :meth:`~.joint_recording.JointRecording.require_learnable`. The cutoff is -3 dB of one pass;
+    0: no filter; None: :func:`chosen_cutoff_hz` of each part. The rate of what is returned, at most
+    ``most_hz``, is the recording's divided by a whole number. Parts that are too short are left out, and so
+    are the ends of the others, in which the filter rings.
     """
     found = []
     for part in recording.unbroken():

@@ -116,10 +116,7 @@ def lms_pass(
 ) -> FloatArray:
     """Go once through samples with the normalised LMS rule, changing ``weights`` in place.
 
-    Δw = γ e ψ / (ε + |ψ|²), e = target - N(x).
-
-    Returns:
-        Variance of each weight's changes over the samples. Shape (K, D, G).
+    Δw = γ e ψ / (ε + |ψ|²), e = target - N(x). Returns the variance of each weight's changes (K, D, G).
     """
     n_subtrees, n_inputs, n_gaussians = weights.shape
     phi, gates = np.empty((n_inputs, n_gaussians)), np.empty(n_subtrees)

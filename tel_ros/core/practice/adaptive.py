@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from tel_ros.core.config import Config
 from tel_ros.core.errors import counted
+from tel_ros.core.learning.learner import rms
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.feasibility import EffortLimit
 from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial
@@ -43,11 +42,8 @@ class AdaptiveExtension:
     last good trial, for its movement or a slower one. Practice ends when the goal is reached within its
     tolerance, or cannot be reached: effort limits, errors that stop falling, or the number of trials.
 
-    Args:
-        config: of the run.
-        course: the way to the goal; None: the configured one.
-        first_index: number of its first trial; the network is as it was after the trial before that.
-        first_slowness: of its first movement; None: that of the course.
+    It goes the configured course, unless another one is given. The network is as it was after the trial
+    before ``first_index``. ``first_slowness``: None: that of the course.
     """
 
     def __init__(
@@ -217,7 +213,7 @@ class AdaptiveExtension:
         """Return the largest step after which the error should stay within the tolerance of a step."""
 
         def is_easy(slowness: float) -> bool:
-            std = _rms(forecast(self._course.movement(slowness)).std_rad)
+            std = rms(forecast(self._course.movement(slowness)).std_rad)
             return self._ratio * std <= self._practice.step_tolerance_rad
 
         low, high = max(hardest, self._slowness * math.exp(-self._largest_step)), self._slowness
@@ -264,7 +260,7 @@ class AdaptiveExtension:
         movement = self._course.movement(slowness)
         self._slowness = slowness
         # After going back the forecast would be that of the network that is left.
-        self._expected_std = math.inf if go_back_to is not None else _rms(forecast(movement).std_rad)
+        self._expected_std = math.inf if go_back_to is not None else rms(forecast(movement).std_rad)
         expected_rad = self._ratio * self._expected_std
         self._plan = PlannedTrial(
             index=index,
@@ -275,10 +271,6 @@ class AdaptiveExtension:
             expected_rms_rad=expected_rad if math.isfinite(expected_rad) else math.nan,
         )
         return self._plan
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _mrad(error_rad: float) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 from tel_ros.core.config import PracticeConfig
 from tel_ros.core.practice.strategy import Movement
@@ -27,35 +27,23 @@ _VALUE: Mapping[Varied, Callable[[float], float]] = {
 }
 
 
-@dataclass(frozen=True)
-class Leg:
-    """One thing that varies, from its first value to that of the goal.
+class Leg(NamedTuple):
+    """One thing that varies, from its first value to its goal: s, amplitude, share of the shape, factor on K.
 
     Its *slowness* says how easy it still is, and falls along the way. Without learning, the arm leaves its
     path by about 1 / slowness²: torques go with 1 / T² and with the amplitude, and the deviations that they
     cause with 1 / K. So equal ratios of slowness are about equally difficult steps. How the difficulty
     changes between two paths is not known beforehand; the whole blend counts like a duration that falls by
     the factor e.
-
-    Args:
-        varied: what varies.
-        first: duration in s, amplitude, share of the goal's shape or factor on K where the leg begins.
-        goal: where it ends.
     """
 
     varied: Varied
     first: float
     goal: float
 
-    @property
-    def first_slowness(self) -> float:
-        """Slowness where the leg begins."""
-        return _SLOWNESS[self.varied](self.first)
-
-    @property
-    def goal_slowness(self) -> float:
-        """Slowness where the leg ends."""
-        return _SLOWNESS[self.varied](self.goal)
+    def slowness(self, value: float) -> float:
+        """Return the slowness at a value."""
+        return _SLOWNESS[self.varied](value)
 
     @property
     def goes_further_back(self) -> bool:
@@ -64,10 +52,11 @@ class Leg:
 
     def value(self, slowness: float) -> float:
         """Return what varies at a slowness; beyond the first, only where the leg goes further back."""
-        if math.isclose(slowness, self.goal_slowness, rel_tol=_ROUNDING):
+        first = self.slowness(self.first)
+        if math.isclose(slowness, self.slowness(self.goal), rel_tol=_ROUNDING):
             return self.goal
-        if math.isclose(slowness, self.first_slowness, rel_tol=_ROUNDING) or (
-            slowness > self.first_slowness and not self.goes_further_back
+        if math.isclose(slowness, first, rel_tol=_ROUNDING) or (
+            slowness > first and not self.goes_further_back
         ):
             return self.first
         return _VALUE[self.varied](slowness)
@@ -86,8 +75,8 @@ class Course:
         self.legs, self._goal = tuple(legs), goal
         # Factor on the slowness of a leg: legs before it are at their goals, later ones where they begin.
         self._scales = [
-            math.prod([leg.goal_slowness for leg in self.legs[:i]])
-            * math.prod([leg.first_slowness for leg in self.legs[i + 1 :]])
+            math.prod([leg.slowness(leg.goal) for leg in self.legs[:i]])
+            * math.prod([leg.slowness(leg.first) for leg in self.legs[i + 1 :]])
             for i in range(len(self.legs))
         ]
 
@@ -106,12 +95,12 @@ class Course:
     @property
     def first_slowness(self) -> float:
         """Slowness of the first movement."""
-        return self.legs[0].first_slowness * self._scales[0]
+        return self.legs[0].slowness(self.legs[0].first) * self._scales[0]
 
     @property
     def goal_slowness(self) -> float:
         """Slowness of the goal."""
-        return self.legs[-1].goal_slowness * self._scales[-1]
+        return self.legs[-1].slowness(self.legs[-1].goal) * self._scales[-1]
 
     @property
     def most_slowness(self) -> float:
@@ -190,11 +179,10 @@ class Course:
     def _active(self, slowness: float) -> int:
         """Return which leg a slowness is on; where two meet, the later one."""
         for i, leg in enumerate(self.legs[:-1]):
-            if slowness > leg.goal_slowness * self._scales[i] * (1.0 + _ROUNDING):
+            if slowness > leg.slowness(leg.goal) * self._scales[i] * (1.0 + _ROUNDING):
                 return i
         return len(self.legs) - 1
 
 
 def _field(leg: Leg) -> str:
-    """Return which field of a movement varies on a leg."""
     return "duration_s" if leg.varied == "speed" else leg.varied

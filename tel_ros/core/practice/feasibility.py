@@ -79,11 +79,8 @@ class EffortLimit:
     At equal shares of the duration T a rigid arm needs τ = a + c / T²: a from gravity and dry friction, c
     from inertia, centrifugal and Coriolis forces (Hollerbach 1984). Viscous friction goes with 1 / T, between
     the two terms. The learner says what was needed at the speeds that it has learned; what was commanded then
-    held errors, too. No model of the arm is used.
-
-    Args:
-        arm: joints and effort limits.
-        at_duration: the movement of a duration in s, with whatever else it has while its speed varies.
+    held errors, too. No model of the arm is used. ``at_duration`` gives the movement of a duration in s, with
+    whatever else it has while its speed varies.
     """
 
     def __init__(self, arm: ArmConfig, at_duration: Callable[[float], Movement] = Movement) -> None:

@@ -42,11 +42,7 @@ class LockUpMonitor:
     they vary; slow progress, of 10 % and more in three trials; and a network that cannot get any better,
     whose training error stays as high as the tracking error.
 
-    Args:
-        tolerance_rad: tracking error (RMS) that is good enough.
-
-    Raises:
-        ConfigError: the tolerance is not a finite number above 0.
+    ``tolerance_rad`` is the tracking error (RMS) that is good enough; ConfigError unless finite and above 0.
     """
 
     def __init__(self, tolerance_rad: float) -> None:

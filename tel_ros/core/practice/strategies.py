@@ -22,14 +22,7 @@ from tel_ros.core.types import FloatArray
 
 
 class FixedSchedule:
-    """Trial after trial of a list, whatever comes out.
-
-    Args:
-        movements: of the trials, in order.
-        course: gives α and the movements to cover.
-        practice: says whether an aborted trial ends the run.
-        fastest: see :meth:`~.strategy.Strategy.fastest_movements`.
-    """
+    """Trial after trial of a list, whatever comes out; the course gives α and the movements to cover."""
 
     def __init__(
         self,
@@ -106,7 +99,8 @@ def _even_steps(leg: Leg, n: int, spacing: str) -> FloatArray:
         steps = np.linspace(leg.first**power, leg.goal**power, n)
         values: FloatArray = steps ** (1.0 / power)
     else:
-        slownesses = np.exp(np.linspace(np.log(leg.first_slowness), np.log(leg.goal_slowness), n))
+        first, goal = leg.slowness(leg.first), leg.slowness(leg.goal)
+        slownesses = np.exp(np.linspace(np.log(first), np.log(goal), n))
         values = np.array([leg.value(float(slowness)) for slowness in slownesses])
     values[-1] = leg.goal  # free of rounding: the last movement of a leg is the one that was asked for
     return values

@@ -63,38 +63,27 @@ Forecaster = Callable[[Movement], Forecast]
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """What to try next.
-
-    Args:
-        index: number of the trial, from 1.
-        alpha: practice parameter; 1 at the goal ([Practice] A5).
-        movement: what to do.
-        go_back_to: restore the network as it was after this trial before predicting (0: as the run began);
-            None: keep the network.
-        reason: why this trial, for people.
-        expected_rms_rad: expected tracking error; NaN: no expectation.
-    """
+    """What to try next: number of the trial, from 1, practice parameter (1 at the goal), movement."""
 
     index: int
     alpha: float
     movement: Movement
     go_back_to: int | None = None
+    """First restore the network as it was after this trial (0: as the run began); None: keep it."""
     reason: str = ""
+    """For people."""
     expected_rms_rad: float = math.nan
+    """Tracking error; NaN: no expectation."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """The end of a run.
-
-    Args:
-        outcome: ``completed``: the goal is reached; ``stopped``: the strategy finds that it cannot be
-            reached; ``aborted`` and ``cancelled``: as the last trial.
-        message: why, for people; may be empty.
-    """
+    """The end of a run."""
 
     outcome: Literal["completed", "stopped", "aborted", "cancelled"]
+    """``stopped``: the strategy finds that the goal cannot be reached; the last two: as the last trial."""
     message: str = ""
+    """Why, for people; may be empty."""
 
 
 class Strategy(Protocol):

@@ -74,7 +74,7 @@ def test_if_only_the_speed_varies_the_slowness_is_the_duration_to_the_last_bit()
 def test_half_the_slowness_means_four_times_the_deviation(varied: Any, first: float, quarter: float) -> None:
     """Torques go with 1/T² and with the amplitude, and what they do goes with 1/K."""
     leg = Leg(varied, first, 1.0)
-    assert leg.value(leg.first_slowness / 2.0) == pytest.approx(quarter, rel=1e-12)
+    assert leg.value(leg.slowness(first) / 2.0) == pytest.approx(quarter, rel=1e-12)
 
 
 def test_alpha_is_the_product_of_all_shares() -> None:
