@@ -9,13 +9,13 @@ from arm_under_test import TINY_SHARE, ArmUnderTest
 from tel_ros.nodes.conversions import time_ns
 from tel_ros.recording import topics
 
-pytestmark = [pytest.mark.timeout(90), pytest.mark.realtime]
+pytestmark = pytest.mark.timeout(90)
 
 WATCHDOG_S = 0.1
 
 
 def test_every_state_names_every_joint_once_with_a_finite_position(arm: ArmUnderTest) -> None:
-    for state in arm.new_states(20):
+    for state in arm.new_states(5):
         assert [list(state.name).count(joint) for joint in arm.joints] == [1] * len(arm.joints)
         assert len(state.position) == len(state.name)
         assert len(state.velocity) in (0, len(state.name))
@@ -38,7 +38,7 @@ def test_the_arm_stands_inside_its_range(arm: ArmUnderTest) -> None:
 
 
 def test_stamps_never_go_back_and_equal_stamps_have_equal_contents(arm: ArmUnderTest) -> None:
-    states = arm.new_states(20)
+    states = arm.new_states(5 if arm.lockstep else 20)
     for before, after in zip(states, states[1:], strict=False):
         step_ns = time_ns(after.header.stamp) - time_ns(before.header.stamp)
         assert step_ns >= 0
@@ -127,32 +127,31 @@ def test_position_drives_hold_the_last_set_point_in_silence(arm: ArmUnderTest) -
     distance_rad = np.abs(set_point_rad - arm.rest)
     arm.answer(set_point_rad.tolist())
     silent_since_ns = arm.stamp_ns()
-    arm.spin_until(lambda: arm.stamp_ns() > silent_since_ns + 2e9, 20.0, "2 s of silence")
+    arm.spin_until(lambda: arm.stamp_ns() > silent_since_ns + 0.5e9, 20.0, "0.5 s of silence")
     held_rad = arm.position_rad(arm.states[-1])
     arm.settle()
     assert np.all(np.abs(held_rad - set_point_rad) < 0.5 * distance_rad)
 
 
-@pytest.mark.parametrize("kind", ["nan", "inf", "short", "long", "empty"])
-def test_a_command_that_cannot_be_used_is_not_applied(arm: ArmUnderTest, kind: str) -> None:
+def test_a_command_that_cannot_be_used_is_not_applied(arm: ArmUnderTest) -> None:
     if arm.is_precious:
         pytest.skip("asks for --hostile-commands")
     arm.settle()
     push = arm.pushing(1.0)
-    bad = {
-        "nan": [float("nan"), *push[1:]],
-        "inf": [*push[:-1], float("inf")],
-        "short": push[:-1],
-        "long": [*push, 0.1],
-        "empty": [],
-    }[kind]
-    start = len(arm.states)
-    arm.command(bad)
-    arm.new_states(10)
-    for state in arm.states[start:]:
-        assert np.isfinite(arm.position_rad(state)).all()
-        assert arm.is_still(state)
-    assert arm.answer(arm.rest), "it does not go on"
+    for bad in (
+        [float("nan"), *push[1:]],
+        [*push[:-1], float("inf")],
+        push[:-1],
+        [*push, 0.1],
+        [],
+    ):
+        start = len(arm.states)
+        arm.command(bad)
+        arm.new_states(5 if arm.lockstep else 10)  # repeated every 50 ms there
+        for state in arm.states[start:]:
+            assert np.isfinite(arm.position_rad(state)).all(), bad
+            assert arm.is_still(state), bad
+        assert arm.answer(arm.rest), f"it does not go on after {bad}"
 
 
 def test_an_effort_beyond_the_limit_is_clipped(arm: ArmUnderTest) -> None:

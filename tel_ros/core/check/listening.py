@@ -205,7 +205,7 @@ def velocity(seen: Evidence) -> Iterator[Finding]:
     """
     states = seen.moved
     expected = f"{1 - VELOCITY_TOLERANCE:g} to {1 + VELOCITY_TOLERANCE:g} times the differentiated position"
-    clear_rad = np.maximum(6.0 * states.resolution_rad(), 1e-4)
+    clear_rad = np.maximum(8.0 * states.resolution_rad(), 1e-4)
     windows = [_windows(states.stamp_ns, window_s) for window_s in WINDOWS_S]
     for j, joint in enumerate(states.joints):
         position, speed = states.position_rad[:, j], states.velocity_rad_s[:, j]

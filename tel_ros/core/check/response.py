@@ -122,9 +122,8 @@ def both_ways(seen: Evidence) -> Iterator[Finding]:
         one_way = target[j] == j and abs(ways_rad[0]) < limit_rad
         if one_way or _drifts(pulsed, j, j):
             mend = "it leans on a support or stop, or gravity is stronger: lay the arm where it is free"
-            ways = "moves {:.2g} mrad with the push one way and {:.2g} mrad the other".format(
-                *np.multiply(ways_rad, 1e3)
-            )
+            less, more = (f"{1e3 * way_rad + 0.0:.2g} mrad" for way_rad in ways_rad)
+            ways = f"moves {more} with the push one way and {less} the other"
             yield judged(False, ways, "moves both ways", mend, joint=joint, otherwise=Verdict.WARNING)
 
 

@@ -21,7 +21,7 @@ from tel_ros.core.check.session import PulseSession  # noqa: E402
 JOINTS = ("shoulder", "elbow")
 START_S = 100.0
 TRAVEL_S = 0.0003
-_PIECES = 10
+_PIECES = 5
 
 
 class RoughLinks(TwoLinkArm):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ def inertia(posture: tuple[float, float]) -> np.ndarray:
     return TwoLinkArm(friction_nms_per_rad=0.0).inverse_dynamics(rows, still, np.eye(2)).T
 
 
+@cache
 def check(
     fault: str, posture: tuple[float, float] = (0.2, 0.5), bounds: PulseBounds | None = None, **rough: object
 ) -> tuple[SyntheticCheck, list[Finding]]:
@@ -145,3 +148,109 @@ def test_an_effort_in_other_units_is_found_as_far_as_it_does_too_much() -> None:
     _, findings = check("weak_effort")
     assert wrong(findings) == set()
     assert of(findings, "effort scale", "elbow").verdict is Verdict.WARNING
+
+
+def step_of(bits: int) -> float:
+    return 2.0 * np.pi / 2**bits
+
+
+@pytest.mark.parametrize(("bits", "coulomb_nm"), [(12, 0.15), (11, 0.0)])
+def test_a_coarse_encoder_gets_longer_pulses_and_is_no_fault(bits: int, coulomb_nm: float) -> None:
+    made, findings = check("", encoder_rad=step_of(bits), differences=True, coulomb_nm=coulomb_nm)
+    assert wrong(findings) == set()
+    for joint in ("shoulder", "elbow"):
+        for name in ("effort channel", "wiring", "sign of effort"):
+            assert of(findings, name, joint).verdict is Verdict.OK
+    assert max(pulse.turn_s - pulse.start_s for pulse in made.session.pulses) > 0.051
+    assert np.abs(made.states().position_rad - [0.2, 0.5]).max() < 0.05
+
+
+def test_motion_below_four_steps_of_the_encoder_is_said_and_not_taken_for_a_dead_drive() -> None:
+    _, findings = check("", encoder_rad=step_of(12), coulomb_nm=0.3)
+    shoulder = of(findings, "effort channel", "shoulder")
+    assert shoulder.verdict is Verdict.NOT_CHECKED
+    assert re.fullmatch(
+        r"because shoulder moves by [\d.]+ mrad at ±0\.4 N·m; 6\.1 mrad are needed \(steps of 1\.5 mrad\)",
+        shoulder.measured,
+    )
+    assert ("effort channel", "shoulder") not in wrong(findings)
+
+
+def test_an_encoder_that_is_too_coarse_for_the_range_is_told_how_much_range_it_needs() -> None:
+    _, findings = check("", encoder_rad=step_of(10))
+    assert "steps of 0.00614 rad, too coarse" in of(findings, "pulses").measured
+    assert "--range 0.061 or more" in of(findings, "pulses").mend
+    _, findings = check("", encoder_rad=step_of(10), bounds=PulseBounds(effort_share=0.05, range_rad=0.08))
+    assert wrong(findings) == set()
+
+
+def test_dry_friction_leaves_the_delay_to_the_effort_field_or_to_nobody() -> None:
+    _, findings = check("", coulomb_nm=0.15)
+    delay = of(findings, "round-trip delay")
+    assert delay.verdict is Verdict.OK
+    assert delay.measured == "2.0 ms (2.0 to 2.0 ms in 12 cases) by the effort field"
+    _, findings = check("no_effort_field", coulomb_nm=0.15)
+    delay = of(findings, "round-trip delay")
+    assert delay.verdict is Verdict.NOT_CHECKED
+    assert "dry friction?" in delay.measured
+    assert not re.search(r"-\d", delay.measured)
+
+
+def test_a_delay_that_the_effort_field_hides_is_found_in_the_motion() -> None:
+    made = SyntheticCheck(RoughArm("command_delay"))
+    listened = Evidence(arm_config(), RATE_HZ, made.listen())
+    shown = made.pulse().shown()
+    honest = shown.pulses[0].states.effort_nm
+    echoes = [
+        replace(p, states=replace(p.states, effort_nm=np.roll(p.states.effort_nm, -10, axis=0)))
+        for p in shown.pulses
+    ]
+    assert not np.array_equal(echoes[0].states.effort_nm, honest)
+    evidence = replace(listened, moving=made.states(), pulses=replace(shown, pulses=echoes))
+    delay = of(judge(evidence, MOVING), "round-trip delay")
+    assert delay.verdict is Verdict.WRONG
+    assert "by the motion" in delay.measured
+    assert "by the effort field" in delay.measured
+
+
+@pytest.mark.parametrize("cogging_nm", [0.1, 0.3])
+@pytest.mark.parametrize("off_rad", [0.0, 0.005])
+def test_cogging_is_no_fault(cogging_nm: float, off_rad: float) -> None:
+    posture = (np.pi / 20 + off_rad, 3 * np.pi / 20 + off_rad)  # at rest between two cogs, or nearly so
+    _, findings = check("", posture, cogging_nm=cogging_nm, coulomb_nm=0.03)
+    assert {(f.check, f.joint) for f in findings if f.verdict is not Verdict.OK} <= {
+        ("effort scale", "shoulder"),
+        ("effort scale", "elbow"),
+    }
+
+
+@pytest.mark.parametrize("fault", ["swapped_commands", "swapped_states"])
+def test_joints_that_do_not_answer_their_own_command_say_nothing_on_delay_and_watchdog(fault: str) -> None:
+    _, findings = check(fault, watchdog_s=9.0)
+    for name in ("round-trip delay", "watchdog of the driver"):
+        assert of(findings, name).verdict is Verdict.NOT_CHECKED
+    assert of(findings, "effort scale", "elbow").measured == "because its command moves shoulder"
+
+
+def test_a_dead_joint_leaves_delay_and_watchdog_to_the_other_and_the_rest_unchecked() -> None:
+    _, findings = check("dead_channel")
+    assert of(findings, "round-trip delay").measured.startswith("2.0 ms")
+    assert of(findings, "watchdog of the driver").verdict is Verdict.OK
+    for name in ("wiring", "sign of effort", "effort scale"):
+        assert (
+            of(findings, name, "shoulder").measured == "because it has not moved clearly when it was pushed"
+        )
+    assert of(findings, "effort channel", "shoulder").mend.startswith("the drive reports no such effort")
+
+
+def test_noise_of_the_positions_is_no_motion() -> None:
+    _, findings = check("", noise_rad=1e-3)
+    assert wrong(findings) == set()
+
+
+def test_the_reason_why_no_inertia_is_known_is_passed_on() -> None:
+    made = SyntheticCheck(RoughArm(), model=UrdfModel(None, np.zeros(2), "the URDF gives no mass"))
+    evidence = Evidence(
+        arm_config(), RATE_HZ, made.listen(), moving=made.states(), pulses=made.pulse().shown()
+    )
+    assert of(judge(evidence, MOVING), "effort scale").measured == "because the URDF gives no mass"

@@ -7,7 +7,16 @@ import pytest
 from two_link import arm_config
 
 from tel_ros.core.check.checks import CHECKS, worst
-from tel_ros.core.check.evidence import Evidence, Finding, StateRecord, Verdict, judged
+from tel_ros.core.check.evidence import (
+    Evidence,
+    Finding,
+    Pulse,
+    Pulsed,
+    StateRecord,
+    UrdfModel,
+    Verdict,
+    judged,
+)
 from tel_ros.core.check.response import assignment
 
 JOINTS = ("shoulder", "elbow")
@@ -149,6 +158,31 @@ def test_a_coarse_effort_is_a_warning() -> None:
     effort = np.round(np.column_stack([np.linspace(-2, 2, 200)] * 2) / [0.5, 0.01]) * [0.5, 0.01]
     findings = found("effort steps", moving=record(effort_nm=effort))
     assert [f.verdict for f in findings] == [Verdict.WARNING, Verdict.OK]
+
+
+@pytest.mark.parametrize(
+    ("back_rad", "expected"),
+    [
+        (-0.006, []),  # dry friction and cogging make one way shorter
+        (0.0, ["moves 10 mrad with the push one way and 0 mrad the other"]),
+        (0.008, ["moves 10 mrad with the push one way and -8 mrad the other"]),
+    ],
+)
+def test_a_joint_that_leans_on_a_stop_or_falls_is_told_from_one_that_moves_less_one_way(
+    back_rad: float, expected: list[str]
+) -> None:
+    def pulse(effort_nm: float, elbow_rad: float) -> Pulse:
+        way = np.interp(np.arange(100), [15, 65], [0.0, 1.0])
+        states = record(100, position_rad=np.outer(way, [0.0, elbow_rad]))
+        return Pulse(1, effort_nm, 10.03, 10.08, 10.13, 10.19, states)
+
+    lengths = (np.full(2, 1e-6), np.full(2, 1e-4), np.full(2, 4e-4))
+    shown = Pulsed(
+        [pulse(0.4, 0.01), pulse(-0.4, back_rad)], None, *lengths, "", "", UrdfModel(None, np.zeros(2))
+    )
+    findings = found("both ways", pulses=shown)
+    assert [f.measured for f in findings] == expected
+    assert {f.verdict for f in findings} <= {Verdict.WARNING}
 
 
 @pytest.mark.parametrize("seed", range(20))
