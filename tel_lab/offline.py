@@ -16,6 +16,7 @@ from sim_bridge.arm import SimulatedArm
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config, SimConfig
 from tel_ros.core.control.controller import EpController
+from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.learning.inputs import stack_inputs
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.practice.feasibility import require_within_velocity_limits
@@ -81,7 +82,9 @@ class OfflineArm(AbstractContextManager["OfflineArm"]):
                 effort_nm=np.array(reading.effort_nm),
             )
             tick = controller.tick(state)
-            assert tick is not None  # it is not idle
+            if tick is None:
+                assert controller.report is not None  # refused: nothing else leaves it idle
+                raise TrajectoryError(controller.report.message)
             states.append(state)
             ticks.append(tick)
             arm.step(tick.command(self._config.arm.command_interface).tolist())

@@ -126,6 +126,9 @@ class SafetyConfig(Checked):
     watch_drives: bool = True
     """Whether a trial is aborted when the efforts that the arm reports show a motor that does not act. False:
     for drives whose reports cannot be trusted."""
+    stiction_nm: tuple[Positive, ...] = ()
+    """Effort under which a joint may stick: one whose readings stand still beyond it is taken for frozen. Empty:
+    5 % of the effort limit."""
 
     def require_fits(self, arm: ArmConfig) -> None:
         """Refuse values that do not fit an arm whose empty limits have been filled from its URDF.

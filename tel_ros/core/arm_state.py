@@ -24,6 +24,8 @@ class ArmState:
     """How late it has come (:class:`~tel_ros.core.safety.gate.Latency`); 0 where none can tell."""
     effort_nm: FloatArray | None = None
     """What the motors are said to have exerted until then; None: nothing is said."""
+    estimated: bool = False
+    """Whether velocities are missing, and estimated from the positions."""
 
     def __post_init__(self) -> None:
         # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.

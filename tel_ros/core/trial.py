@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from enum import IntEnum
@@ -15,6 +16,14 @@ from tel_ros.core.trajectories.trajectory import DesiredTrajectory, check_points
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 RecordT = TypeVar("RecordT", bound="TrialReport | LoopTiming")
+
+
+_SHORTFALL = re.compile(r"(\S+) gives (\S+) of (\S+) N·m")
+
+
+def shortfall(joint: str, given_nm: float, commanded_nm: float) -> str:
+    """Say that a drive gives less than it is commanded, as :attr:`TrialReport.given_nm` reads it."""
+    return f"{joint} gives {given_nm:.2f} of {commanded_nm:.2f} N·m"
 
 
 class Phase(IntEnum):
@@ -125,6 +134,11 @@ class TrialReport:
     start_ns: int = 0
     run_ns: int = 0
     end_ns: int = 0
+
+    @property
+    def given_nm(self) -> dict[str, float]:
+        """By joint whose drive has given less than commanded: the most that it has given."""
+        return {joint: float(given) for joint, given, _ in _SHORTFALL.findall(self.message)}
 
     def to_plain(self) -> dict[str, Any]:
         """Return what people read, as values that JSON holds: all fields but the stamps. NaN stays NaN."""

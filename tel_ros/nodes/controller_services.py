@@ -183,7 +183,8 @@ class SafetyServices:
         return Answer(True, f"stopped until {self.reset_name}")
 
     def _reset(self) -> Answer:
-        why_not = self._why_not_reset() if self.reason else "no stop is latched"
+        latched = self.reason or self._controller().stopped_for
+        why_not = self._why_not_reset() if latched else "no stop is latched"
         if why_not:
             self._node.get_logger().warning(f"not reset: {why_not}")
             return Answer(False, f"not reset: {why_not}")

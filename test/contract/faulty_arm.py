@@ -31,11 +31,19 @@ FAULTS = (
     "no_watchdog_no_effort_field",
     "effort_in_percent",
     "weak_effort",
+    "limited_effort",
+    "frozen",
+    "frozen_elbow",
+    "frozen_position",
+    "frozen_velocity",
+    "no_velocity_frozen",
+    "zero_velocity",
 )
 DELAY_S = 0.020
 LATE_S = 0.040
 WATCHDOG_S = 0.02
 LIMIT_NM = 20.0
+LIMITED_NM = 1.0
 ENCODER_RAD = 2.0 * math.pi / 2**16
 
 
@@ -57,6 +65,8 @@ class FaultyArm:
         period_s: control period.
         posture_rad: at the start.
         watchdog_s: after how long without a command the effort goes to zero.
+        from_s: when readings freeze, of the faults that do so.
+        encoder_rad: step in which positions are read.
     """
 
     def __init__(
@@ -65,8 +75,11 @@ class FaultyArm:
         period_s: float = 0.002,
         posture_rad: tuple[float, float] = (0.2, 0.5),
         watchdog_s: float = WATCHDOG_S,
+        from_s: float = 0.0,
+        encoder_rad: float = ENCODER_RAD,
     ) -> None:
         assert fault in FAULTS, fault
+        self.from_s, self._encoder_rad, self._frozen = from_s, encoder_rad, (np.zeros(2), np.zeros(2))
         self._watchdog_s = watchdog_s
         self.fault, self.period_s = fault, period_s
         self.arm = TwoLinkArm(q=posture_rad)
@@ -99,6 +112,8 @@ class FaultyArm:
             motor = motor * [1.0, -1.0]
         if self.fault == "dead_channel":
             effort, motor = effort * [0.0, 1.0], motor * [0.0, 1.0]
+        if self.fault == "limited_effort":
+            effort = motor = np.clip(motor, -LIMITED_NM, LIMITED_NM)
         if self.fault == "effort_in_percent":
             motor = motor * LIMIT_NM
         if self.fault == "weak_effort":
@@ -112,8 +127,20 @@ class FaultyArm:
         return self._past[-1]
 
     def _reading(self, effort: np.ndarray) -> Reading:
-        position = np.round(np.array(self.arm.q) / ENCODER_RAD) * ENCODER_RAD
+        position = np.round(np.array(self.arm.q) / self._encoder_rad) * self._encoder_rad
         velocity = np.array(self.arm.v)
+        if self.time_s < self.from_s:
+            self._frozen = position, velocity
+        elif "frozen" in self.fault:
+            which = [False, True] if self.fault == "frozen_elbow" else [True, True]
+            if self.fault != "frozen_velocity":
+                position = np.where(which, self._frozen[0], position)
+            if self.fault != "frozen_position":
+                velocity = np.where(which, self._frozen[1], velocity)
+        if self.fault == "zero_velocity":
+            velocity = np.zeros(2)
+        if self.fault.startswith("no_velocity"):
+            velocity = np.full(2, np.nan)
         stamp_s = 0.0 if self.fault == "stale_stamps" else self.time_s
         if self.fault == "swapped_states":
             position, velocity = position[::-1], velocity[::-1]

@@ -13,6 +13,7 @@ from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.tracking import Approach, Limits, Target, TrialCourse
 from tel_ros.core.errors import EffortError, TrajectoryError
 from tel_ros.core.safety.layer import Permitted, SafetyLayer
+from tel_ros.core.safety.monitors import FirstMotion
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
@@ -24,7 +25,8 @@ class EpController:
     APPROACH (smoothly to the start posture) → SETTLE → RUN → HOLD; the trial is over when the arm is at rest
     in HOLD. Whatever goes wrong leads to STOP, where the arm is braked and held where it comes to rest; the
     trial is over then. After :meth:`stop_for` and :meth:`finish` the arm is held or released, as configured,
-    and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
+    and no trial starts. Where readings or wiring cannot be trusted, a brake would drive: the effort goes to zero
+    at once, a position drive keeps its set point, and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
     it may run slower or faster than the wall clock.
 
     The arm's empty limits must have been filled from the URDF.
@@ -54,6 +56,10 @@ class EpController:
         self._approach: Approach | None = None
         self._way_back = self.limits
         self._hold, self._releasing = Hold(), False
+        self._distrusts = False
+        """Whether readings or wiring have been found wrong, until the stop is reset."""
+        self._first_motion = None if position else FirstMotion(arm.joints, np.array(arm.effort_limit_nm))
+        """Until a trial has been completed."""
         self._exerted_nm: FloatArray | None = None
         """By the springs in this tick; None: they tell nothing of a load."""
         self.stopped_for: str | None = None
@@ -100,7 +106,7 @@ class EpController:
             return False
         if self.phase == Phase.IDLE:
             return True
-        if self._releases:
+        if self._releases or self._releasing:
             return self._releasing and not self.safety.last_nm.any()
         return self._rested(self._last_ns)
 
@@ -155,7 +161,7 @@ class EpController:
         """Allow trials again. A trial picks up an arm that was released; any other stays held."""
         if self.stopped_for is None:
             return
-        self.stopped_for = None
+        self.stopped_for, self._distrusts = None, False
         if self._releasing:
             if self.safety.last_nm.any():
                 self._begin_stop(self._last_ns)
@@ -188,15 +194,12 @@ class EpController:
     def decide(self, state: ArmState) -> Tick | None:
         """Decide what to command in answer to a state; None: nothing yet. :meth:`conclude` has to follow."""
         trial = self._trial
-        if self.phase == Phase.IDLE or trial is None:
+        begins = trial is not None and self.active and not trial.ticks
+        if self.phase == Phase.IDLE or trial is None or (begins and not self._begin(trial, state)):
             self._last_ns = state.time_ns
             return None
-        if trial.ticks:
+        if not begins:
             self._check(state)
-        else:
-            trial.start_ns = state.time_ns
-            if self.phase == Phase.APPROACH:
-                self._begin_approach(trial.goal, state)
         self._last_ns, self._velocity = state.time_ns, state.velocity_rad_s
         trial.ticks += 1
         self._advance(trial, state)
@@ -208,6 +211,12 @@ class EpController:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(trial, state)
         self._equilibrium, effort, saturated = self._command(state, target)
+        if self._first_motion is not None and not (self._releasing or self.phase == Phase.HOLD):
+            fault = self._first_motion.look(state, self._equilibrium, effort)
+            too_fast = self.phase == Phase.STOP and not trial.run_ns and self.limits.too_fast(state)
+            if fault or too_fast:
+                self._distrust(trial, fault or "no brake is tried before a first movement has gone well")
+                effort = self.safety.none().effort_nm
         desired = (target.position, target.velocity, target.acceleration)
         return Tick(self.phase, self.time_from_start_s, *desired, self._equilibrium, effort, saturated)
 
@@ -224,7 +233,9 @@ class EpController:
         """Return equilibrium points, efforts, and where these are not what the springs want."""
         permitted = self._effort(state, target)
         if self._set_point is None:
-            return target.equilibrium, *permitted
+            return target.equilibrium, permitted.effort_nm, self.safety.response.lacking(permitted)
+        if self._distrusts and self._set_point.last_command is not None:
+            return self._set_point.last_command, *permitted
         sent, held_back = self._set_point.answer(permitted, target.equilibrium, self._springs, state)
         exerted = self._springs.effort(sent, state.position_rad, state.velocity_rad_s)
         return sent, self.safety.limit.nearest(exerted), permitted.changed | held_back
@@ -232,6 +243,8 @@ class EpController:
     def _effort(self, state: ArmState, target: Target) -> Permitted:
         """Return what the springs and dampers exert, as far as it is permitted."""
         self._exerted_nm = None
+        if self._distrusts:
+            return self.safety.none()  # the rules would answer the same readings
         if self._releasing:
             wanted = self.safety.fading(state.time_ns)
         else:
@@ -243,6 +256,8 @@ class EpController:
             return self.safety.none()
         if self.safety.response.fault:
             self._stop(Outcome.ABORTED, self.safety.response.fault)
+        if self.safety.readings.fault and self._trial is not None:
+            self._distrust(self._trial, self.safety.readings.fault)
         if not self._releasing:
             self._exerted_nm = permitted.effort_nm
         return permitted
@@ -264,6 +279,33 @@ class EpController:
         # On the clock that counts from now on, which says when the arm has had its time to come to rest.
         self._begin_stop(state.time_ns)
 
+    def _distrust(self, trial: TrialCourse, reason: str) -> None:
+        """End the trial and let go of the arm for good: whatever would be commanded, it could drive the arm."""
+        if self.phase == Phase.STOP and self.active:
+            trial.message += f"; {reason}"
+        self.stop_for(reason)
+        self.safety.none()
+        self._releasing = self._distrusts = True
+        if self.active:
+            self.report = trial.report(self._last_ns)
+
+    def _begin(self, trial: TrialCourse, state: ArmState) -> bool:
+        """Take up a trial, unless the arm stands where it cannot be: then it stays held, or alone, as it was."""
+        trial.start_ns = state.time_ns
+        if self.phase != Phase.APPROACH:
+            return True
+        trial.message = self.limits.misplaced(state.position_rad)
+        if not trial.message:
+            self._begin_approach(trial.goal, state)
+            return True
+        trial.outcome = Outcome.REFUSED
+        self.report = trial.report(state.time_ns)
+        if self._equilibrium is None:
+            self.phase = Phase.IDLE
+        else:
+            self._begin_stop(state.time_ns)
+        return False
+
     def _begin_approach(self, goal: TrialGoal, state: ArmState) -> None:
         # Springs stay until another trial brings its own: they brake and hold the arm, too.
         held, self._springs = self._springs, goal.springs or self._configured
@@ -273,6 +315,8 @@ class EpController:
             start = self._springs.equilibrium_for(held, self._equilibrium, start, state.velocity_rad_s)
         self._approach = Approach(start, goal.equilibrium_rad[0], self._control.approach_speed_rad_s)
         self._way_back = self.limits.reaching(state.position_rad)
+        if self._first_motion is not None:
+            self._first_motion.begin(state.position_rad)
         self._phase_ns = state.time_ns
 
     def _enter(self, phase: Phase, time_ns: int) -> None:
@@ -341,7 +385,9 @@ class EpController:
             return
         if not self._still:
             trial.message += f"; it was {self._restless('under the brake')}"
-        self.report = trial.report(time_ns)
+        if trial.outcome == Outcome.COMPLETED:
+            self._first_motion = None
+        self.report = trial.report(time_ns, self.safety.response.shortfalls)
 
     def _restless(self, where: str) -> str:
         return f"not at rest {where} after {self._control.settle_timeout_s} s"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +18,8 @@ from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 _WAY_BACK_MARGIN_RAD = 0.02
+_MISPLACED_RAD = 0.05
+"""Joints are found this far beyond their range at most: where a stop gives way, or a zero is not exact."""
 
 
 class Target(NamedTuple):
@@ -107,6 +110,23 @@ class Limits:
             position_min_rad=np.minimum(self.position_min_rad, position_rad - _WAY_BACK_MARGIN_RAD),
             position_max_rad=np.maximum(self.position_max_rad, position_rad + _WAY_BACK_MARGIN_RAD),
         )
+
+    def misplaced(self, position_rad: FloatArray) -> str:
+        """Return which joint is where it cannot be, in words; nothing if none is."""
+        low, high = self.position_min_rad, self.position_max_rad
+        beyond = np.maximum(low - position_rad, position_rad - high)
+        j = int(np.argmax(beyond))
+        if beyond[j] <= _MISPLACED_RAD:
+            return ""
+        return (
+            f"{self.joints[j]} is at {position_rad[j]:.3f} rad, outside of its range of {low[j]:.3f} to "
+            f"{high[j]:.3f} rad: move it back by hand, or look for a unit, a sign or an order of joints that is "
+            "wrong (tel check)"
+        )
+
+    def too_fast(self, state: ArmState) -> bool:
+        """Return whether a joint is above its velocity limit."""
+        return bool((np.abs(state.velocity_rad_s) > self.velocity_rad_s).any())
 
     def check_goal(self, goal: TrialGoal, rest_speed_rad_s: float) -> None:
         """Refuse a goal that the arm must not or cannot follow.
@@ -219,14 +239,14 @@ class TrialCourse:
         self.ticks = self.start_ns = self.run_ns = 0
         """States that were answered; stamps of the first one, and of the first one in RUN."""
 
-    def report(self, end_ns: int) -> TrialReport:
+    def report(self, end_ns: int, remarks: Sequence[str] = ()) -> TrialReport:
         """Return how the trial went that ends now."""
         return TrialReport(
             index=self.goal.index,
             alpha=self.goal.alpha,
             duration_s=self.goal.desired.duration_s,
             outcome=self.outcome,
-            message=self.message,
+            message="; ".join(filter(None, (self.message, *remarks))),
             start_ns=self.start_ns,
             run_ns=self.run_ns,
             end_ns=end_ns,

@@ -106,6 +106,7 @@ class AdaptiveExtension:
             return plan
         if last.outcome == Outcome.CANCELLED:
             return Ending("cancelled", "the run was cancelled")
+        self._effort.heed(last.given_nm)
         if last.outcome == Outcome.COMPLETED:
             decision = self._after_success(last, forecast)
         else:
@@ -113,10 +114,12 @@ class AdaptiveExtension:
         if isinstance(decision, PlannedTrial) and decision.index > self._practice.trials:
             aborted = last.outcome == Outcome.ABORTED
             how = f"was aborted: {last.message}" if aborted else f"had {_mrad(last.rms_error_rad)} RMS"
+            short = f" ({last.message})" if last.message and not aborted else ""
+            easier = ", which is easier," if self._slowness > self._course.goal_slowness else ""
             return Ending(
                 "aborted" if aborted else "stopped",
-                f"{self._goal} was not reached within {counted(self._practice.trials, 'trial')}: "
-                f"the last one, at {self._reached(last)}, {how}",
+                f"{self._goal} was not reached within {counted(self._practice.trials, 'trial')}: the last one "
+                f"was at {self._reached(last)}{easier} and {how}{short}",
             )
         return decision
 

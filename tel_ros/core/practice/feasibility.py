@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -89,6 +89,11 @@ class EffortLimit:
         self._at_duration = at_duration
         self._durations_s: list[float] = []
         self._static_nm = self._dynamic_nms2 = np.zeros((1, len(arm.joints)))
+
+    def heed(self, given_nm: Mapping[str, float]) -> None:
+        """Take in how much of their commands drives have given that are limited to less; by joint."""
+        for j, joint in enumerate(self._joints):
+            self._limit_nm[j] = min(self._limit_nm[j], given_nm.get(joint, math.inf))
 
     def learn(self, duration_s: float, forecast: Forecaster) -> None:
         """Take in that the learner knows the movement at this duration now."""

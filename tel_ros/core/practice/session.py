@@ -143,11 +143,20 @@ class PracticeSession(Generic[TrialT]):
         self._springs = Springs.of(config.arm)
         self.strategy, self.arm, self.network = strategy, arm, network
         self._last: TrialReport | None = None
+        self._has_completed = False
         self._lock_up = LockUpMonitor(config.practice.tolerance_rad)
 
     def next(self) -> PlannedTrial | Ending:
-        """Return what the strategy decides after the last trial. Ask once a trial: it is a state machine."""
-        return self.strategy.next(self._last, self.forecast)
+        """Return what the strategy decides after the last trial. Ask once a trial: it is a state machine.
+
+        It is not asked after an abort while no trial has been completed: an arm that has not yet done what it
+        is told is not tried again before somebody has looked at it.
+        """
+        last = self._last
+        if last is not None and last.outcome == Outcome.ABORTED and not self._has_completed:
+            why = f"trial {last.index} was aborted: {last.message}"
+            return Ending("aborted", f"{why}. No other follows while none has been completed")
+        return self.strategy.next(last, self.forecast)
 
     def forecast(self, movement: Movement) -> Forecast:
         """Return what the network, as it is, expects of a movement.
@@ -192,10 +201,14 @@ class PracticeSession(Generic[TrialT]):
 
     def _learn(self, plan: PlannedTrial, report: TrialReport, trial: TrialT) -> PractisedTrial[TrialT]:
         self._last = report
+        self._has_completed |= report.outcome == Outcome.COMPLETED
         on_abort = self._config.practice.on_abort
-        training, note = learned_or_passed_over(
-            report.outcome, report.run_ns > 0, on_abort, lambda: self.network.train(trial)
-        )
+        try:
+            training, note = learned_or_passed_over(
+                report.outcome, report.run_ns > 0, on_abort, lambda: self.network.train(trial)
+            )
+        except TrainingError as error:
+            raise TrainingError(f"{report.message}; {error}") if report.message else error from None
         if training is not None or report.outcome == Outcome.COMPLETED:
             self.network.save(plan.index)  # the strategy may go back to it
         warning = ""

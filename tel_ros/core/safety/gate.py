@@ -95,7 +95,8 @@ class StateGate:
         velocity_rad_s = self._velocities.fill(stamp_ns, position_rad, velocity_rad_s)
         effort_nm = np.array(efforts_nm)[columns] if len(efforts_nm) == n else None
         age_s = 0.0 if self._latency is None else self._latency.of(stamp_ns, arrived_ns)
-        self.newest = ArmState(stamp_ns, position_rad, velocity_rad_s, age_s, effort_nm)
+        estimated = bool(self._velocities.estimated)
+        self.newest = ArmState(stamp_ns, position_rad, velocity_rad_s, age_s, effort_nm, estimated)
         return self.newest
 
     def _find_columns(self, names: Sequence[str]) -> None:

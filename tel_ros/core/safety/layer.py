@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.errors import EffortError
+from tel_ros.core.safety.monitors import DriveResponse, FrozenReadings, Permitted
 from tel_ros.core.safety.motion_rules import BrakingDistance, MotionLimits, SoftLimits
 from tel_ros.core.safety.rules import (
     EffortLimit,
@@ -20,17 +20,10 @@ from tel_ros.core.safety.rules import (
     QuietZone,
     SafetyRule,
 )
-from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
+from tel_ros.core.types import NS_PER_S, FloatArray
 
 LONGEST_GAP_S = 0.1
 """After this long without a command an arm has no effort (docs/arm-contract.md, Silence)."""
-
-
-class Permitted(NamedTuple):
-    """What the layer made of a wanted effort. Shapes (n_joints,)."""
-
-    effort_nm: FloatArray
-    changed: BoolArray
 
 
 class SafetyLayer:
@@ -73,6 +66,8 @@ class SafetyLayer:
         self._quiet = QuietZone([no_gap, *(rule.quiet() for rule in self.rules)], self._n_joints)
         self.response = DriveResponse.of(arm, safety)
         """Whether the motors exert what is permitted."""
+        self.readings = FrozenReadings.of(arm, safety)
+        """Whether the readings can be true; otherwise nothing is permitted."""
         self._last_ns: int | None = None
         self.last_nm = np.zeros(self._n_joints)
         """What the arm was last permitted. Shape (n_joints,)."""
@@ -96,6 +91,12 @@ class SafetyLayer:
                 then on, and that is what is to be commanded: :meth:`none`.
         """
         self.response.look(state.time_ns, self.last_nm, state.effort_nm)
+        # An effort that a motor withholds moves nothing, and that is no fault of the readings.
+        withheld = state.effort_nm if self.response.waits else None
+        acted_nm = self.last_nm if withheld is None else withheld
+        self.readings.look(state, acted_nm, LONGEST_GAP_S)
+        if self.readings.fault:
+            return self.none()
         if self._is_quiet(state, wanted_nm):
             self._last_ns, self.last_nm = state.time_ns, wanted_nm
             return Permitted(wanted_nm, self._nothing_changed)
@@ -160,112 +161,4 @@ class SafetyLayer:
             self.none()
             raise EffortError(
                 f"the wanted effort is {effort_nm.tolist()} N·m; expected {self._n_joints} finite numbers"
-            )
-
-
-class DriveResponse:
-    """Notices motors that do nothing although they are commanded, from the efforts that the arm reports.
-
-    A drive that refuses commands, is switched off by its own emergency stop or has tripped goes on to report
-    positions. The controller then sees an arm that falls or stays behind, and would wind its springs up; once
-    the drive acts again, all of that would act at once. Found dead, a motor is to be commanded nothing that
-    winds up, until it is seen to answer or another trial is begun.
-
-    A joint is judged once it has answered :attr:`ANSWERS_TO_BE_KNOWN` strong commands in a row, because some
-    arms report no efforts. Shares are of the effort limit, and of a command for an answer. If it is not
-    ``watched``, no fault is ever found.
-    """
-
-    STRONG_SHARE = 0.1
-    """A command is strong from here on; weaker ones drown in friction and noise."""
-    ANSWER_SHARE = 0.5
-    """A motor has answered a command if it reports at least this share of it."""
-    WEAK_SHARE = 0.02
-    """A motor that was found dead is believed to live again from here on."""
-    PATIENCE_S = 0.08
-    """For how long a strong command may go unanswered: more than the delays that the arm contract allows."""
-    SILENT_STATES = 10
-    """... and in at least so many states on end. Where states get lost, a driver's watchdog takes the effort
-    away in each longer gap, and the first state after it tells of that alone."""
-    OVERDUE_S = 0.02
-    """After so long nothing is to be wound up any more: twice the delay that the arm contract allows."""
-    ANSWERS_TO_BE_KNOWN = 50
-
-    def __init__(self, joints: Sequence[str], limit_nm: Sequence[float], watched: bool = True) -> None:
-        self._joints = tuple(joints)
-        self._strong = [self.STRONG_SHARE * limit for limit in limit_nm]
-        self._weak = [self.WEAK_SHARE * limit for limit in limit_nm]
-        self._watched = watched
-        self._answers = [0] * len(self._joints)
-        self._silent_since_ns: list[int | None] = [None] * len(self._joints)
-        self._silences = [0] * len(self._joints)
-        self._dead: set[int] = set()
-        self.fault = ""
-        """Which joint does not do what, in words; empty: all is well, as far as can be told."""
-
-    @classmethod
-    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> DriveResponse:
-        """Return it for a configured arm; position drives decide on their efforts themselves."""
-        watched = safety.watch_drives and arm.command_interface == "effort"
-        return cls(arm.joints, arm.effort_limit_nm, watched)
-
-    def look(self, time_ns: int, commanded_nm: FloatArray, reported_nm: FloatArray | None) -> None:
-        """Take in what acted until a stamp, as the arm reports it, and what had been commanded.
-
-        Shapes (n_joints,). NaN where nothing is reported; None: no efforts are reported.
-        """
-        if not self._watched:
-            return
-        if reported_nm is None:
-            self._end_silences()
-            return
-        commanded, reported, dead = commanded_nm.tolist(), reported_nm.tolist(), self._dead
-        for j, (wanted, found) in enumerate(zip(commanded, reported, strict=True)):
-            strong = (self._weak if j in dead else self._strong)[j]
-            if -strong < wanted < strong or found != found:
-                self._silent_since_ns[j] = None
-            elif found / wanted >= self.ANSWER_SHARE:
-                self._answer(j)
-            else:
-                self._stay_silent(j, time_ns, wanted, found)
-
-    def is_overdue(self, time_ns: int) -> bool:
-        """Return whether a motor that is known to answer strong commands lets one wait for its answer."""
-        return any(
-            since_ns is not None and time_ns - since_ns > self.OVERDUE_S * NS_PER_S
-            for since_ns in self._silent_since_ns
-        )
-
-    def forgive(self) -> None:
-        """Try again what was found dead."""
-        self._dead.clear()
-        self._end_silences()
-        self.fault = ""
-
-    def _end_silences(self) -> None:
-        self._silent_since_ns = [None] * len(self._joints)
-
-    def _answer(self, j: int) -> None:
-        self._silent_since_ns[j] = None
-        self._answers[j] += 1
-        if self._dead:
-            self._dead.discard(j)
-            if not self._dead:
-                self.fault = ""
-
-    def _stay_silent(self, j: int, time_ns: int, wanted_nm: float, found_nm: float) -> None:
-        if self._answers[j] < self.ANSWERS_TO_BE_KNOWN:
-            self._answers[j] = 0
-            return
-        since_ns = self._silent_since_ns[j]
-        if since_ns is None or since_ns > time_ns:
-            self._silent_since_ns[j], self._silences[j] = time_ns, 1
-            return
-        self._silences[j] += 1
-        waited = time_ns - since_ns > self.PATIENCE_S * NS_PER_S and self._silences[j] >= self.SILENT_STATES
-        if waited and j not in self._dead:
-            self._dead.add(j)
-            self.fault = (
-                f"the drive of {self._joints[j]} does not exert what it is commanded: it reports "
-                f"{found_nm:.2f} of {wanted_nm:.2f} N·m, for more than {self.PATIENCE_S} s"
             )

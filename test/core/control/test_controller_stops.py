@@ -375,7 +375,7 @@ def test_the_brake_forgets_the_load_only_when_states_are_late_for_long(late_ms: 
     def answer(age_s: float = 0.0) -> np.ndarray:
         nonlocal now_ms
         now_ms += 2
-        tick = controller.tick(ArmState(now_ms * 1_000_000, below, np.zeros(2), age_s))
+        tick = controller.tick(ArmState(now_ms * 1_000_000, below + 1e-9 * now_ms, np.zeros(2), age_s))
         assert tick is not None
         return tick.effort_nm
 

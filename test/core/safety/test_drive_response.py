@@ -10,7 +10,8 @@ from two_link import arm_config
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
-from tel_ros.core.safety.layer import DriveResponse, SafetyLayer
+from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.safety.monitors import DriveResponse
 
 PERIOD_NS = 2_000_000
 LIMIT_NM = 20.0
@@ -117,7 +118,7 @@ def test_efforts_grow_from_zero_as_long_as_a_motor_does_not_act() -> None:
     zero = np.zeros(2)
 
     def permit(k: int, reported: float) -> float:
-        state = ArmState(k * PERIOD_NS, zero, zero, effort_nm=np.array([0.0, reported]))
+        state = ArmState(k * PERIOD_NS, zero + 1e-9 * k, zero, effort_nm=np.array([0.0, reported]))
         return float(safe.permit(state, wanted).effort_nm[1])
 
     last = 0.0

@@ -136,9 +136,8 @@ def test_a_soft_limit_waits_for_a_joint_that_it_leads_back_while_the_motors_do_n
 def test_a_joint_that_is_led_back_and_goes_out_again_is_pushed_back_at_once() -> None:
     safe = layer()
     for k in range(100):
-        safe.permit(
-            state(k, (2.85, 0.0)), np.zeros(2)
-        )  # 0.2 s at 0.75 rad/s: the limit is in its place again
+        # 0.2 s at 0.75 rad/s: the limit is in its place again.
+        safe.permit(state(k, (2.85 + 1e-9 * k, 0.0)), np.zeros(2))
     effort = safe.permit(state(100, (2.85, 0.0)), np.array([20.0, 0.0])).effort_nm[0]
     assert effort == pytest.approx(-2.0 * 60.0 * 0.05)
 

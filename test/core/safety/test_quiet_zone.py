@@ -109,7 +109,7 @@ def test_a_new_rule_is_heard_where_nothing_else_objects(rule: SafetyRule, uses_t
     before, zone, wanted = counted(without), counted(layer), np.array([0.3, -0.2])
     for k in range(1, 200):
         q = 0.005 * k
-        state = ArmState(k * PERIOD_NS, np.full(2, q), np.full(2, 0.1))
+        state = ArmState(k * PERIOD_NS, np.full(2, q), np.full(2, 2.5))
         without.permit(state, wanted)
         effort, changed = layer.permit(state, wanted)
         if abs(q - 0.5) < 0.1 - 1e-9:
