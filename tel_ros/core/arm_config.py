@@ -127,7 +127,7 @@ class SafetyConfig(Checked):
     """Whether a trial is aborted when the efforts that the arm reports show a motor that does not act. False:
     for drives whose reports cannot be trusted."""
     stiction_nm: tuple[Positive, ...] = ()
-    """Effort under which a joint may stick: one whose readings stand still beyond it is taken for frozen. Empty:
+    """Effort under which a joint may stick: readings that stand still beyond it are taken for frozen. Empty:
     5 % of the effort limit."""
 
     def require_fits(self, arm: ArmConfig) -> None:

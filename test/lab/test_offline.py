@@ -207,15 +207,28 @@ def test_a_completed_trial_of_which_nothing_is_left_to_learn_ends_practice_unles
 
 def test_practice_goes_on_after_an_abort_if_it_is_told_so(make_practice: MakePractice) -> None:
     practice = make_practice(
-        "control.path_tolerance_rad=0.1",
-        "practice.first_duration_s=4.5",
+        "control.path_tolerance_rad=0.3",
+        "practice.durations_s=[11.5, 1.8, 11.5]",
+        "practice.goal_duration_s=1.8",
         "practice.on_abort=continue",
-        "practice.trials=2",
     )
-    first, second = practice.run()
+    done = practice.run()
+    outcomes = [practised.trial.report.outcome for practised in done]
+    assert outcomes == [Outcome.COMPLETED, Outcome.ABORTED, Outcome.COMPLETED]
+    assert all(practised.training is not None for practised in done)
+    assert [practice.after[k].trials_learned for k in (1, 2, 3)] == [1, 2, 3]
+
+
+def test_no_trial_follows_an_abort_while_none_has_been_completed(make_practice: MakePractice) -> None:
+    practice = make_practice(
+        *("control.path_tolerance_rad=0.1", "practice.first_duration_s=4.5"),
+        *("practice.on_abort=continue", "practice.trials=2"),
+    )
+    (first,) = practice.run()
     assert first.trial.report.outcome == Outcome.ABORTED
-    assert first.training is not None
-    assert [practice.after[k].trials_learned for k in (1, 2)] == [1, 2]
+    assert practice.ending.outcome == "aborted"
+    assert practice.ending.message.endswith("No other follows while none has been completed")
+    assert first.trial.report.message in practice.ending.message
 
 
 def test_the_arm_can_be_replaced_before_a_trial(make_practice: MakePractice) -> None:

@@ -12,8 +12,9 @@ from tel_ros.core.control.holding import Hold, RestDetector
 from tel_ros.core.control.set_point import SetPointGuard
 from tel_ros.core.control.tracking import Approach, Limits, Target, TrialCourse
 from tel_ros.core.errors import EffortError, TrajectoryError
-from tel_ros.core.safety.layer import Permitted, SafetyLayer
+from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.safety.monitors import FirstMotion
+from tel_ros.core.safety.rules import Permitted
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
@@ -25,9 +26,10 @@ class EpController:
     APPROACH (smoothly to the start posture) → SETTLE → RUN → HOLD; the trial is over when the arm is at rest
     in HOLD. Whatever goes wrong leads to STOP, where the arm is braked and held where it comes to rest; the
     trial is over then. After :meth:`stop_for` and :meth:`finish` the arm is held or released, as configured,
-    and no trial starts. Where readings or wiring cannot be trusted, a brake would drive: the effort goes to zero
-    at once, a position drive keeps its set point, and no trial starts. Every effort has gone through the safety layer. Time is that of the states alone, so
-    it may run slower or faster than the wall clock.
+    and no trial starts. Nor does one where readings or wiring cannot be trusted: a brake would drive the arm
+    then, so the effort goes to zero at once, and a position drive keeps its set point. Every effort has gone
+    through the safety layer. Time is that of the states alone, so it may run slower or faster than the wall
+    clock.
 
     The arm's empty limits must have been filled from the URDF.
     """
@@ -280,7 +282,7 @@ class EpController:
         self._begin_stop(state.time_ns)
 
     def _distrust(self, trial: TrialCourse, reason: str) -> None:
-        """End the trial and let go of the arm for good: whatever would be commanded, it could drive the arm."""
+        """End the trial and let go of the arm for good: whatever is commanded could drive it."""
         if self.phase == Phase.STOP and self.active:
             trial.message += f"; {reason}"
         self.stop_for(reason)
@@ -290,7 +292,7 @@ class EpController:
             self.report = trial.report(self._last_ns)
 
     def _begin(self, trial: TrialCourse, state: ArmState) -> bool:
-        """Take up a trial, unless the arm stands where it cannot be: then it stays held, or alone, as it was."""
+        """Take up a trial, unless the arm is where it cannot be: then it stays held, or alone, as it was."""
         trial.start_ns = state.time_ns
         if self.phase != Phase.APPROACH:
             return True

@@ -6,7 +6,7 @@ import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
-from tel_ros.core.safety.layer import Permitted
+from tel_ros.core.safety.rules import Permitted
 from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 

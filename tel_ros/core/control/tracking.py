@@ -120,8 +120,8 @@ class Limits:
             return ""
         return (
             f"{self.joints[j]} is at {position_rad[j]:.3f} rad, outside of its range of {low[j]:.3f} to "
-            f"{high[j]:.3f} rad: move it back by hand, or look for a unit, a sign or an order of joints that is "
-            "wrong (tel check)"
+            f"{high[j]:.3f} rad: move it back by hand, or look for a wrong unit, sign or order of joints "
+            "(tel check)"
         )
 
     def too_fast(self, state: ArmState) -> bool:

@@ -115,11 +115,12 @@ class AdaptiveExtension:
             aborted = last.outcome == Outcome.ABORTED
             how = f"was aborted: {last.message}" if aborted else f"had {_mrad(last.rms_error_rad)} RMS"
             short = f" ({last.message})" if last.message and not aborted else ""
-            easier = ", which is easier," if self._slowness > self._course.goal_slowness else ""
+            at_goal = self._slowness <= self._course.goal_slowness
+            easier = "" if at_goal else ", which is easier,"
             return Ending(
                 "aborted" if aborted else "stopped",
-                f"{self._goal} was not reached within {counted(self._practice.trials, 'trial')}: the last one "
-                f"was at {self._reached(last)}{easier} and {how}{short}",
+                f"{self._goal} was not reached within {counted(self._practice.trials, 'trial')}: the last "
+                f"one was at {self._reached(last)}{easier} and {how}{short}",
             )
         return decision
 

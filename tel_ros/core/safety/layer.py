@@ -9,13 +9,15 @@ import numpy as np
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.errors import EffortError
-from tel_ros.core.safety.monitors import DriveResponse, FrozenReadings, Permitted
+from tel_ros.core.safety.drives import DriveResponse
+from tel_ros.core.safety.monitors import FrozenReadings
 from tel_ros.core.safety.motion_rules import BrakingDistance, MotionLimits, SoftLimits
 from tel_ros.core.safety.rules import (
     EffortLimit,
     EffortRate,
     LastEffort,
     LateStates,
+    Permitted,
     QuietBounds,
     QuietZone,
     SafetyRule,

@@ -67,6 +67,18 @@ def top_speed(arm: ArmConfig, safety: SafetyConfig) -> FloatArray:
     return (1.0 + safety.velocity_margin) * np.array(arm.velocity_limit_rad_s)
 
 
+def largest_inertia(arm: ArmConfig) -> FloatArray:
+    """Return the largest inertia in kg·m² that each joint can have, as its springs tell. Shape (n_joints,).
+
+    K and B damp an inertia I with the ratio ζ = B / (2 √(K I)), and with ζ of at least 0.3 it is
+    I = B² / (0.36 K) at most.
+    """
+    stiffness = np.array(arm.stiffness_nm_per_rad)
+    damping = np.maximum(np.array(arm.damping_nms_per_rad), LEAST_DAMPING_S * stiffness)
+    inertia: FloatArray = damping**2 / ((2.0 * LEAST_DAMPING_RATIO) ** 2 * stiffness)
+    return inertia
+
+
 def soft_range(arm: ArmConfig, safety: SafetyConfig) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper soft limits in rad. Shapes (n_joints,)."""
     low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
@@ -134,8 +146,7 @@ class BrakingDistance(SafetyRule):
     √(2 a d). Up to that speed its effort is free. Above it there is less and less effort towards the limit,
     and then effort away from it, up to all that there is.
 
-    The default of a takes the springs' word for the inertia: K and B damp an inertia I with the ratio
-    ζ = B / (2 √(K I)), and with ζ of at least 0.3 it is I = B² / (0.36 K) at most.
+    The default of a takes the springs' word for the inertia (:func:`largest_inertia`).
     """
 
     limits: SoftLimits
@@ -155,10 +166,7 @@ class BrakingDistance(SafetyRule):
         if safety.deceleration_rad_s2:
             deceleration = np.array(safety.deceleration_rad_s2)
         else:
-            stiffness = np.array(arm.stiffness_nm_per_rad)
-            damping = np.maximum(np.array(arm.damping_nms_per_rad), LEAST_DAMPING_S * stiffness)
-            inertia = damping**2 / ((2.0 * LEAST_DAMPING_RATIO) ** 2 * stiffness)
-            deceleration = BRAKING_SHARE * effort / inertia
+            deceleration = BRAKING_SHARE * effort / largest_inertia(arm)
         creep = CREEP_SHARE * np.array(arm.velocity_limit_rad_s)
         gain = BRAKING_GAIN * WallGains.of(arm, safety).k_velocity_nms_per_rad
         return cls(limits, creep, deceleration, gain, effort)

@@ -17,7 +17,7 @@ import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
-from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 
 Bound = FloatArray | float
 """One a joint, shape (n_joints,), or one for all joints."""
@@ -40,6 +40,13 @@ class EffortRange:
 
 
 ANY_EFFORT = EffortRange(-math.inf, math.inf)
+
+
+class Permitted(NamedTuple):
+    """What the layer made of a wanted effort. Shapes (n_joints,)."""
+
+    effort_nm: FloatArray
+    changed: BoolArray
 
 
 class LastEffort(NamedTuple):

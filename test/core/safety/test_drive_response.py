@@ -10,8 +10,8 @@ from two_link import arm_config
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import SafetyConfig
+from tel_ros.core.safety.drives import DriveResponse
 from tel_ros.core.safety.layer import SafetyLayer
-from tel_ros.core.safety.monitors import DriveResponse
 
 PERIOD_NS = 2_000_000
 LIMIT_NM = 20.0
