@@ -11,6 +11,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.guard import AwakeClock, CommandGuard
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
@@ -27,6 +28,8 @@ from tel_ros.recording import topics
 COMPLAINT_PERIOD_S = 1.0
 LOOK_PERIODS = 5.0
 """Joint states that fail to come: after so many, this process or the arm stood still, not the controller."""
+WATCH_S = 0.022
+"""From one look for silence to the next, at the most: a silent loop serves its timers every 20 ms."""
 _OWN_LABEL = topics.ARM_GUARD.encode()
 
 
@@ -44,6 +47,7 @@ class ArmGuardNode(Node):
         self._timeout_s = config.safety.command_timeout_s
         self._state_timeout_s = config.control.state_timeout_s
         self._state_at = time.monotonic()
+        self._seen: ArmState | None = None
         self._blind = config.arm_waits_for_commands
         self._takeovers = self._commands = 0
         self.busy_subscriptions: list[Subscription] = []
@@ -95,8 +99,9 @@ class ArmGuardNode(Node):
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             return
-        self._state_at, self._blind = arrived_ns / NS_PER_S, False
-        now_s, was_active = self._awake.look(self._state_at), self._guard.active
+        if state is not self._seen:  # one that repeats its stamp tells nothing
+            self._seen, self._state_at, self._blind = state, arrived_ns / NS_PER_S, False
+        now_s, was_active = self._awake.look(arrived_ns / NS_PER_S), self._guard.active
         if self._guard.on_state(state, now_s) is None:
             return
         self._channel.send(state.time_ns)
@@ -110,9 +115,10 @@ class ArmGuardNode(Node):
         """Command zero effort when no states come: without them the guard cannot brake."""
         if self._blind or not self._guard.active:
             return
-        if time.monotonic() - self._state_at > self._state_timeout_s:
+        silent_s, timeout_s = time.monotonic() - self._state_at, self._state_timeout_s
+        if silent_s > timeout_s - min(WATCH_S, 0.5 * timeout_s):
             self._blind = True
-            self.get_logger().error(f"no joint state for {self._state_timeout_s:g} s: zero effort")
+            self.get_logger().error(f"no new joint state for {silent_s:.3f} s: zero effort")
             self._guard.safety.none()
             self._channel.send(0)
 

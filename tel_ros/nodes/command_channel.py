@@ -76,14 +76,17 @@ class CommandChannel:
 
 
 class CompetingPublishers:
-    """Looks for others that command the arm, and for a second publisher of its states."""
+    """Looks for others that command the arm, and for a second publisher of its states.
 
-    def __init__(self, node: Node, command_topic: str) -> None:
+    ``commander``: name of the node that is to command it; empty: the one that looks.
+    """
+
+    def __init__(self, node: Node, command_topic: str, commander: str = "") -> None:
         self._node = node
         self._command_topic = node.resolve_topic_name(command_topic)
         self._states_topic = node.resolve_topic_name(topics.JOINT_STATES)
         guard = topics.absolute(topics.ARM_GUARD, node.get_namespace())
-        self._ours = {_shown(node.get_fully_qualified_name()), _shown(guard)}
+        self._ours = {_shown(commander or node.get_fully_qualified_name()), _shown(guard)}
         self.of_commands = ""
         """Which nodes command the arm as well; empty: none, apart from the guard."""
         self.of_states = ""

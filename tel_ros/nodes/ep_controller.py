@@ -36,6 +36,8 @@ from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
 NOTHING_MOVED = "the controller has not moved the arm"
+WATCH_S = 0.022
+"""From one look for silence to the next, at the most: a silent loop serves its timers every 20 ms."""
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -67,6 +69,8 @@ class EpControllerNode(ManagedNode):
         self._rests = False
         self._answers_between_trials = not waits
         self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
+        margin_s = 0.0 if waits else min(WATCH_S, 0.5 * self._state_timeout_s)
+        self._silence_s = self._state_timeout_s - margin_s
         self._read = joint_state_reader()
         # Position drives brake by themselves, with states that are never late.
         wall_clock = not waits and self._interface == "effort"
@@ -80,7 +84,8 @@ class EpControllerNode(ManagedNode):
         self._timer = None if waits else LoopTimer(control.rate_hz, round(TIMED_S * control.rate_hz))
         self._seen: ArmState | None = None
         self._answered_ns = -1
-        self._last_state_at = -math.inf
+        self._last_state_at = self._heard_at = -math.inf
+        self._useless = ""  # what is wrong with the last message, which is no new state
         self._commanding = False
 
         # Also before it is active: listening does no harm, and tells whether there is an arm.
@@ -172,17 +177,23 @@ class EpControllerNode(ManagedNode):
         arrived_ns = time.monotonic_ns()
         if self._competing.of_states:
             return  # several publishers: nobody knows whose state it is
+        self._heard_at = time.monotonic()
         try:
             state = self._gate.admit(*self._read(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
+            self._useless = str(error)
+            self._end_in_silence()
             return
         if self._gate.estimated != self._estimated:
             self._say_what_is_estimated()
         is_new = state is not self._seen
         self._seen = state
         if is_new or not self._controller.active:
-            self._last_state_at = time.monotonic()
+            self._last_state_at = self._heard_at
+        else:
+            self._useless = "the joint states repeat their stamp"
+            self._end_in_silence()
         if self._acts:
             self._act_on(state, arrived_ns)
         if is_new:  # the command is on its way: the arm does not wait for this
@@ -270,6 +281,8 @@ class EpControllerNode(ManagedNode):
 
     def _what_is_seen(self) -> str:
         """Say what the states tell of the arm that is about to be left."""
+        if self._controller.distrusts:
+            return f"whether the arm rests was not seen: {self._controller.stopped_for}"
         if self._seen is None or not self._states_are_fresh():
             return "no joint states came at the end: whether the arm rests was not seen"
         if self._rests or (self._controller.at_final_effort and not self._moves()):
@@ -288,8 +301,15 @@ class EpControllerNode(ManagedNode):
             self._lose_states(self._competing.of_states)
         elif self._competing.of_commands:
             self._controller.abort(self._competing.of_commands)
-        if not self._states_are_fresh() and (self._commanding or self._controller.active):
-            self._lose_states(f"no joint state for {self._state_timeout_s} s")
+        self._end_in_silence()
+
+    def _end_in_silence(self) -> None:
+        """End what is under way if no new state has come in time, or the next look would be too late."""
+        silent_s = time.monotonic() - self._last_state_at
+        if silent_s > self._silence_s and (self._commanding or self._controller.active):
+            which = "new joint state" if self._heard_at > self._last_state_at else "joint state"
+            why = f": {self._useless}" if self._heard_at > self._last_state_at else ""
+            self._lose_states(f"no {which} for {silent_s:.3f} s (time-out {self._state_timeout_s} s){why}")
 
     def _lose_states(self, message: str) -> None:
         left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"

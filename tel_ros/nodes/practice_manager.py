@@ -27,6 +27,7 @@ from tel_ros.core.practice.session import PracticeSession
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending
 from tel_ros.nodes import qos
+from tel_ros.nodes.command_channel import CompetingPublishers
 from tel_ros.nodes.conversions import to_result_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters, on_set
@@ -261,6 +262,11 @@ class PracticeManagerNode(Node):
     def _wait_for_arm(self, timeout_s: float) -> None:
         if not self._ready.wait(timeout_s):
             commands = topics.COMMANDS[self._config.arm.command_interface]
+            controller = topics.absolute(topics.EP_CONTROLLER, self.get_namespace())
+            competing = CompetingPublishers(self, commands, controller)
+            competing.look()
+            if why := competing.of_states or competing.of_commands:
+                raise NoAnswerError(f"no trial begins: {why}")
             missing = [topics.JOINT_STATES] if self.count_publishers(topics.JOINT_STATES) == 0 else []
             missing += [commands] if self.count_subscribers(commands) == 0 else []
             raise NoAnswerError(

@@ -58,7 +58,7 @@ class EpController:
         self._approach: Approach | None = None
         self._way_back = self.limits
         self._hold, self._releasing = Hold(), False
-        self._distrusts = False
+        self.distrusts = False
         """Whether readings or wiring have been found wrong, until the stop is reset."""
         self._first_motion = None if position else FirstMotion(arm.joints, np.array(arm.effort_limit_nm))
         """Until a trial has been completed."""
@@ -163,7 +163,7 @@ class EpController:
         """Allow trials again. A trial picks up an arm that was released; any other stays held."""
         if self.stopped_for is None:
             return
-        self.stopped_for, self._distrusts = None, False
+        self.stopped_for, self.distrusts = None, False
         if self._releasing:
             if self.safety.last_nm.any():
                 self._begin_stop(self._last_ns)
@@ -236,7 +236,7 @@ class EpController:
         permitted = self._effort(state, target)
         if self._set_point is None:
             return target.equilibrium, permitted.effort_nm, self.safety.response.lacking(permitted)
-        if self._distrusts and self._set_point.last_command is not None:
+        if self.distrusts and self._set_point.last_command is not None:
             return self._set_point.last_command, *permitted
         sent, held_back = self._set_point.answer(permitted, target.equilibrium, self._springs, state)
         exerted = self._springs.effort(sent, state.position_rad, state.velocity_rad_s)
@@ -245,7 +245,7 @@ class EpController:
     def _effort(self, state: ArmState, target: Target) -> Permitted:
         """Return what the springs and dampers exert, as far as it is permitted."""
         self._exerted_nm = None
-        if self._distrusts:
+        if self.distrusts:
             return self.safety.none()  # the rules would answer the same readings
         if self._releasing:
             wanted = self.safety.fading(state.time_ns)
@@ -287,7 +287,7 @@ class EpController:
             trial.message += f"; {reason}"
         self.stop_for(reason)
         self.safety.none()
-        self._releasing = self._distrusts = True
+        self._releasing = self.distrusts = True
         if self.active:
             self.report = trial.report(self._last_ns)
 
