@@ -16,7 +16,7 @@ from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.learning.learner import Learner, LearnerContext
 from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.learning.torque_fit import Fit, TorquePrediction, fit_torque
-from tel_ros.core.learning.torque_samples import Excitation, TorqueSamples, excitation, torque_samples
+from tel_ros.core.learning.torque_samples import TorqueSamples, excitation, torque_samples
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.plausible import joint_ranges
 from tel_ros.recording.foreign.recordings import Wanted, read_sources
@@ -75,69 +75,19 @@ class ImportRequest:
 
 
 @dataclass(frozen=True)
-class ImportReport:
-    """What was learned, and how good it is.
+class Imported:
+    """What was learned, and how good it is, as values that JSON holds: null for what is not finite.
 
-    Args:
-        recordings: source, samples, duration, median rate and jitter (std of the period) of each.
-        n_parts: unbroken stretches of time.
-        learned_s: what was learned from, without the ends of the parts.
-        cutoff_hz: lowest and highest of the filters (half of the rate where none was needed).
-        torque_std_nm: spread of the recorded torques. Shape (n_joints,).
+    In the report ``learned_s`` is without the ends of the parts, ``cutoff_hz`` lowest and highest of the
+    filters (half of the rate where none was needed), ``torque_std_nm`` the spread of the recorded torques,
+    ``jitter_s`` the standard deviation of a recording's period.
     """
 
-    network: Path
-    revision: str
-    learner: str
-    recordings: tuple[dict[str, Any], ...]
-    n_parts: int
-    learned_s: float
-    cutoff_hz: tuple[float, float]
     fit: Fit
-    excitation: Excitation
-    torque_std_nm: FloatArray
-    warnings: tuple[str, ...]
-
-    def as_plain(self) -> dict[str, Any]:
-        """Return it as values that JSON holds; null for what is not finite."""
-        held_out = self.fit.held_out
-        joints = [
-            {
-                "joint": excited.joint,
-                "nmse": float(held_out.nmse[j]),
-                "rms_nm": float(held_out.rms_nm[j]),
-                "expected_rms_nm": float(held_out.expected_rms_nm[j]),
-                "torque_std_nm": float(self.torque_std_nm[j]),
-                **asdict(excited),
-            }
-            for j, excited in enumerate(self.excitation.joints)
-        ]
-        plain: dict[str, Any] = json_ready(
-            {
-                "network": str(self.network),
-                "revision": self.revision,
-                "predicts": "torque",
-                "learner": self.learner,
-                "recordings": self.recordings,
-                "unbroken_parts": self.n_parts,
-                "learned_s": self.learned_s,
-                "cutoff_hz": self.cutoff_hz,
-                "held_out": {
-                    "blocks": self.fit.n_blocks,
-                    "block_s": self.fit.block_s,
-                    "samples": held_out.n_samples,
-                    "mean_nmse": float(held_out.nmse.mean()),
-                    "extrapolated_share": held_out.extrapolated,
-                },
-                "condition": self.excitation.condition,
-                "joints": joints,
-                "warnings": self.warnings,
-            }
-        )
-        return plain
+    report: dict[str, Any]
 
 
-def import_and_train(request: ImportRequest) -> ImportReport:
+def import_and_train(request: ImportRequest) -> Imported:
     """Learn torque from recordings, save the network and report what it is worth.
 
     Raises:
@@ -187,13 +137,14 @@ def import_and_train(request: ImportRequest) -> ImportReport:
         )
 
     fit = fit_torque(parts, new_learner)
-    excited = excitation(joints, parts)
+    excited, held_out = excitation(joints, parts), fit.held_out
     save_network(fit.learner, request.out)
-    return ImportReport(
-        network=request.out,
-        revision=revision(fit.learner),
-        learner=request.learner,
-        recordings=tuple(
+    report = {
+        "network": str(request.out),
+        "revision": revision(fit.learner),
+        "predicts": "torque",
+        "learner": request.learner,
+        "recordings": [
             {
                 "source": recording.source,
                 "n_samples": len(recording.time_s),
@@ -202,15 +153,32 @@ def import_and_train(request: ImportRequest) -> ImportReport:
                 "jitter_s": float(np.std(np.diff(recording.time_s))),
             }
             for recording in recordings
-        ),
-        n_parts=len(parts),
-        learned_s=sum(len(part) * part.period_s for part in parts),
-        cutoff_hz=(min(p.bandwidth_hz for p in parts), max(p.bandwidth_hz for p in parts)),
-        fit=fit,
-        excitation=excited,
-        torque_std_nm=np.array(fit.learner.context.stiffness_nm_per_rad),
-        warnings=(*doubts, *_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed),
-    )
+        ],
+        "unbroken_parts": len(parts),
+        "learned_s": sum(len(part) * part.period_s for part in parts),
+        "cutoff_hz": (min(p.bandwidth_hz for p in parts), max(p.bandwidth_hz for p in parts)),
+        "held_out": {
+            "blocks": fit.n_blocks,
+            "block_s": fit.block_s,
+            "samples": held_out.n_samples,
+            "mean_nmse": float(held_out.nmse.mean()),
+            "extrapolated_share": held_out.extrapolated,
+        },
+        "condition": excited.condition,
+        "joints": [
+            {
+                "joint": each.joint,
+                "nmse": float(held_out.nmse[j]),
+                "rms_nm": float(held_out.rms_nm[j]),
+                "expected_rms_nm": float(held_out.expected_rms_nm[j]),
+                "torque_std_nm": fit.learner.context.stiffness_nm_per_rad[j],
+                **asdict(each),
+            }
+            for j, each in enumerate(excited.joints)
+        ],
+        "warnings": [*doubts, *_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed],
+    }
+    return Imported(fit, json_ready(report))
 
 
 def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str:

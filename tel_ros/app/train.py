@@ -16,7 +16,6 @@ from tel_ros.app.tables import TRAINING_ERROR, fixed, show, table, training_erro
 from tel_ros.core.errors import counted
 
 if TYPE_CHECKING:
-    from tel_ros.app.torque_import import ImportReport
     from tel_ros.recording.retraining import Retraining
 
 
@@ -145,56 +144,51 @@ def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str
     from tel_ros.app.torque_import import ImportRequest, import_and_train
 
     names = tuple(name.strip() for name in joints.split(",") if name.strip())
-    report = import_and_train(ImportRequest(sources=bags, out=out, joints=names, **settings))
-    for warning in report.warnings:
+    report = import_and_train(ImportRequest(sources=bags, out=out, joints=names, **settings)).report
+    for warning in report["warnings"]:
         click.echo(f"tel: warning: {warning}", err=True)
     if as_json:
-        click.echo(json.dumps(report.as_plain(), indent=2, allow_nan=False))
+        click.echo(json.dumps(report, indent=2, allow_nan=False))
     else:
-        _show_import(report)
+        _show_import(**report)
 
 
-def _show_import(report: ImportReport) -> None:
-    headings = (
-        "joint",
-        "nMSE",
-        "RMS error N·m",
-        "expected",
-        "torque N·m",
-        "from … to rad",
-        "rad/s",
-        "rad/s²",
-        "cond.",
-    )
-    held_out = report.fit.held_out
+def _show_import(
+    *,
+    joints: list[dict[str, Any]],
+    recordings: list[dict[str, Any]],
+    held_out: dict[str, Any],
+    cutoff_hz: list[float],
+    **others: Any,
+) -> None:
+    numbers = {
+        "nMSE": ("nmse", ".4f"),
+        "RMS error N·m": ("rms_nm", ".3g"),
+        "expected": ("expected_rms_nm", ".3g"),
+        "torque N·m": ("torque_std_nm", ".3g"),
+        "rad/s": ("velocity_rad_s", ".2f"),
+        "rad/s²": ("acceleration_rad_s2", ".2f"),
+        "cond.": ("condition", ".2g"),
+    }
     rows = [
         (
-            excited.joint,
-            f"{held_out.nmse[j]:.4f}",
-            f"{held_out.rms_nm[j]:.3g}",
-            f"{held_out.expected_rms_nm[j]:.3g}",
-            f"{report.torque_std_nm[j]:.3g}",
-            f"{excited.position_rad[0]:.2f} … {excited.position_rad[1]:.2f}",
-            f"{excited.velocity_rad_s:.2f}",
-            f"{excited.acceleration_rad_s2:.2f}",
-            f"{excited.condition:.2g}",
+            joint["joint"],
+            "{:.2f} … {:.2f}".format(*joint["position_rad"]),
+            *("–" if joint[key] is None else format(joint[key], how) for key, how in numbers.values()),
         )
-        for j, excited in enumerate(report.excitation.joints)
+        for joint in joints
     ]
-    show(table(headings, rows, left=("joint",)))
-    low, high = report.cutoff_hz
-    band = f"{low:.3g} Hz" if low == high else f"{low:.3g} to {high:.3g} Hz"
-    for r in report.recordings:
-        click.echo(
+    band = " to ".join(dict.fromkeys(f"{cutoff:.3g}" for cutoff in cutoff_hz))
+    show(
+        table(("joint", "from … to rad", *numbers), rows, left=("joint",)),
+        *(
             f"recorded  {r['source']}: {counted(r['n_samples'], 'sample')} in {r['duration_s']:.4g} s, "
             f"{r['rate_hz']:.4g} Hz, jitter {1e3 * r['jitter_s']:.2g} ms"
-        )
-    click.echo(
-        f"learned   {report.learned_s:.4g} s in {counted(report.n_parts, 'unbroken part')}, up to {band}, "
-        f"by {report.learner}"
+            for r in recordings
+        ),
+        f"learned   {others['learned_s']:.4g} s in {counted(others['unbroken_parts'], 'unbroken part')}, "
+        f"up to {band} Hz, by {others['learner']}",
+        f"held out  mean nMSE {held_out['mean_nmse']:.4f}: {held_out['blocks']} blocks of "
+        f"{held_out['block_s']:.3g} s, every fifth not learned from in turn",
+        f"network   {others['network']} (predicts torque; revision {others['revision']})",
     )
-    click.echo(
-        f"held out  mean nMSE {held_out.nmse.mean():.4f}: {report.fit.n_blocks} blocks of "
-        f"{report.fit.block_s:.3g} s, every fifth not learned from in turn"
-    )
-    click.echo(f"network   {report.network} (predicts torque; revision {report.revision})")
