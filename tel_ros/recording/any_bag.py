@@ -18,10 +18,10 @@ from typing import Any
 import yaml
 from rosbags.interfaces import (
     Connection,
-    ConnectionExtRosbag1,
     ConnectionExtRosbag2,
     MessageDefinition,
     MessageDefinitionFormat,
+    Qos,
     QosDurability,
 )
 from rosbags.rosbag1 import Reader as Reader1
@@ -262,7 +262,11 @@ def reading(bag: Path, expected: str = EXPECTED) -> Iterator[None]:
 
 def is_latched(connection: Connection) -> bool:
     """Return whether late joiners are to get a topic's newest message: as offered, or if it has only one."""
-    if isinstance(connection.ext, ConnectionExtRosbag1):
-        return connection.msgcount == 1 or bool(connection.ext.latching)
-    offered = [qos.durability for qos in connection.ext.offered_qos_profiles]
-    return connection.msgcount == 1 or QosDurability.TRANSIENT_LOCAL in offered
+    latching = getattr(connection.ext, "latching", 0)
+    offered = [qos.durability for qos in profiles(connection)]
+    return connection.msgcount == 1 or bool(latching) or QosDurability.TRANSIENT_LOCAL in offered
+
+
+def profiles(connection: Connection) -> Sequence[Qos]:
+    """Return the quality of service that was offered; ROS 1 knows none."""
+    return getattr(connection.ext, "offered_qos_profiles", ())

@@ -55,14 +55,9 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
     stamps_ns = [time_ns(message.header.stamp) for message in messages]
     goes_forward = all(later > earlier for earlier, later in pairwise(stamps_ns))
     moments_ns = np.array(stamps_ns if goes_forward else recorded_ns, dtype=np.int64)
-    return RecordedStates(
-        connections[0].topic,
-        joints,
-        (moments_ns - moments_ns[0]) / NS_PER_S,
-        _field(messages, joints, "position"),
-        _field(messages, joints, "velocity"),
-        _field(messages, joints, "effort"),
-    )
+    names = [message.name for message in messages]
+    told = [columns(messages, names, joints, field) for field in ("position", "velocity", "effort")]
+    return RecordedStates(connections[0].topic, joints, (moments_ns - moments_ns[0]) / NS_PER_S, *told)
 
 
 def _connections(bag: Path, reader: AnyBag, topic: str) -> list[Connection]:
@@ -76,11 +71,18 @@ def _connections(bag: Path, reader: AnyBag, topic: str) -> list[Connection]:
     return [connection for connection in of_states if connection.topic == (topic or names[0])]
 
 
-def _field(messages: Sequence[Any], joints: tuple[str, ...], name: str) -> FloatArray:
-    column = {joint: place for place, joint in enumerate(joints)}
+def columns(
+    messages: Sequence[Any], names: Sequence[Sequence[str]], joints: Sequence[str], field: str
+) -> FloatArray:
+    """Return a field, one row a message and one column a joint; NaN where a message does not tell."""
     values = np.full((len(messages), len(joints)), np.nan)
-    for row, message in zip(values, messages, strict=True):
-        field = getattr(message, name)
-        if len(field) == len(message.name):  # empty where the arm does not tell
-            row[[column[joint] for joint in message.name]] = field
+    place, places = {joint: k for k, joint in enumerate(joints)}, dict[tuple[str, ...], Any]()
+    for row, message, named in zip(values, messages, map(tuple, names), strict=True):
+        if named not in places:
+            taken = [i for i, name in enumerate(named) if name in place]
+            places[named] = taken, [place[named[i]] for i in taken]
+        taken, where = places[named]
+        told = getattr(message, field)
+        if len(told) == len(named):  # empty where the arm does not tell
+            row[where] = np.asarray(told)[taken]
     return values

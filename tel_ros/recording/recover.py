@@ -22,6 +22,7 @@ from tel_ros.recording.any_bag import (
     custom_data,
     files_in,
     information_of,
+    profiles,
     what_is,
 )
 from tel_ros.recording.bag_format import offered_qos
@@ -150,7 +151,7 @@ def _rewrite(reader: AnyBag, out: Path, metadata: dict[str, str], kind: str) -> 
     storage: Literal["mcap", "sqlite3"] = "mcap" if kind == ".mcap" else "sqlite3"
     with BagWriter(out, metadata | {RECOVERED: saved}, RecordingConfig(storage=storage)) as writer:
         for connection in reader.connections:
-            offered = getattr(connection.ext, "offered_qos_profiles", ()) or [offered_qos(connection.topic)]
+            offered = profiles(connection) or [offered_qos(connection.topic)]
             writer.add_topic(connection.topic, connection.msgtype, offered, reader.definition(connection))
         for connection, time_ns, raw in reader.messages():
             writer.write(connection.topic, time_ns, raw)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from heapq import merge
 from pathlib import Path
 
-from rosbags.interfaces import ConnectionExtRosbag2
-
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording.any_bag import AnyBag, open_any_bag, reading
+from tel_ros.recording.any_bag import AnyBag, open_any_bag, profiles, reading
 from tel_ros.recording.bag_format import offered_qos
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
@@ -80,47 +79,44 @@ def export(source: Path, out: Path) -> Export:
     if not bags:
         raise BagError(source, "has no trial", "a run with at least one")
     left_out: dict[Path, str] = {}
-    whole = next((trial for bag in bags if (trial := _whole_trial(bag, left_out))), None)
-    if whole is None:
-        if not is_run:
-            raise BagError(source, left_out[source], "the whole bag of a trial")
-        why = "; ".join(f"{bag.name} {problem}" for bag, problem in left_out.items())
-        raise BagError(source, f"has no trial that is whole ({why})", "at least one")
-    arm = exported_arm(whole.bag, whole.metadata)
-    writer = BagWriter(out, {"exported": source.resolve().name}, RecordingConfig(chunk_s=_SYNC_S))
-    run = _RunWriter(writer, arm)
+    run: _RunWriter | None = None
     try:
-        with writer:
-            run.add(whole)
-            for bag in bags[bags.index(whole.bag) + 1 :]:
+        with ExitStack() as stack:
+            for bag in bags:
                 try:
-                    if trial := _whole_trial(bag, left_out):
-                        run.add(trial)
+                    trial = _whole_trial(bag)
+                    if run is None:
+                        arm = exported_arm(bag, trial.metadata)
+                        recording = RecordingConfig(chunk_s=_SYNC_S)
+                        writer = BagWriter(out, {"exported": source.resolve().name}, recording)
+                        run = _RunWriter(stack.enter_context(writer), arm)
+                    run.add(trial)
                 except _LeftOutError as error:
                     left_out[bag] = str(error)
-    except _LeftOutError as error:
-        writer.discard()
-        raise BagError(whole.bag, str(error), "a trial as tel_ros records it") from error
+            if run is None or not run.trials:
+                if not is_run:
+                    raise BagError(source, left_out[source], "the whole bag of a trial")
+                why = "; ".join(f"{bag.name} {problem}" for bag, problem in left_out.items())
+                raise BagError(source, f"has no trial that is whole ({why})", "at least one")
     except BaseException:
-        writer.discard()  # it can be exported again
+        if run is not None:
+            run.writer.discard()  # it can be exported again
         raise
-    return Export(out, out / f"{out.name}.mcap", arm, writer.counts, tuple(run.trials), left_out)
+    return Export(out, out / f"{out.name}.mcap", run.arm, run.writer.counts, tuple(run.trials), left_out)
 
 
 class _LeftOutError(Exception):
     """A bag that does not get into the file; says why."""
 
 
-def _whole_trial(bag: Path, left_out: dict[Path, str]) -> RecordedTrial | None:
-    """Return the trial in a bag; None, and the reason among those left out, if it is not whole."""
+def _whole_trial(bag: Path) -> RecordedTrial:
     try:
         inspected = inspect_bag(bag)
         if inspected.wholeness.is_good:
             return read_trial(bag)
-        left_out[bag] = f"is {inspected.wholeness.name.lower()} ({inspected.problem})"
     except BagError as error:
-        left_out[bag] = error.found
-    return None
+        raise _LeftOutError(error.found) from error
+    raise _LeftOutError(f"is {inspected.wholeness.name.lower()} ({inspected.problem})")
 
 
 class Timeline:
@@ -154,9 +150,10 @@ class _RunWriter:
 
     def add(self, trial: RecordedTrial) -> None:
         """Append a trial; _LeftOutError, with nothing written, if it does not fit the arm or the topics."""
-        if trial.joints != self.arm.config.joints:
+        arm = self.arm or exported_arm(trial.bag, trial.metadata)
+        if trial.joints != arm.config.joints:
             raise _LeftOutError(
-                f"is of the joints {', '.join(trial.joints)}, not {', '.join(self.arm.config.joints)}"
+                f"is of the joints {', '.join(trial.joints)}, not {', '.join(arm.config.joints)}"
             )
         with open_any_bag(trial.bag) as reader:
             self._announce(reader)
@@ -188,12 +185,8 @@ class _RunWriter:
         for connection in reader.connections:
             if connection.topic not in self._types:
                 self._types[connection.topic] = types[connection.topic]
-                extension = connection.ext
-                offered = (
-                    extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else ()
-                )
                 defined = reader.definition(connection)
-                self.writer.add_topic(connection.topic, connection.msgtype, offered, defined)
+                self.writer.add_topic(connection.topic, connection.msgtype, profiles(connection), defined)
         if not self.trials:
             for topic, kind in ADDED.items():
                 qos = offered_qos(topic, latched=topic not in STREAMED)

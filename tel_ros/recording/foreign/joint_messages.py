@@ -13,6 +13,7 @@ from tel_ros.core.errors import InputFileError, counted
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray, IntArray
 from tel_ros.recording.cdr import time_ns
+from tel_ros.recording.joint_states import columns
 
 _LONGEST_GAP_S, _LONGEST_GAP = 0.025, 2.5
 """A joint is not interpolated across more than this and this many of its periods."""
@@ -20,15 +21,14 @@ _LONGEST_GAP_S, _LONGEST_GAP = 0.025, 2.5
 
 @dataclass(frozen=True)
 class Stamped:
-    """A joint state, when it was recorded [ns], its joints' names, and which of them count; None: all."""
+    """A joint state, when it was recorded [ns], and its joints' names; empty: one that does not count."""
 
     recorded_ns: int
     message: Any
     names: tuple[str, ...]
-    only: set[str] | None = None
 
 
-def merged_states(source: str, messages: Sequence[Stamped], learned: Sequence[str]) -> JointRecording:
+def merged_states(source: str, stamped: Sequence[Stamped], learned: Sequence[str]) -> JointRecording:
     """Return all joints at the times of that joint, of those to learn, which has the fewest messages.
 
     Messages without efforts do not count for a joint that has some with. Joints at other times are
@@ -38,50 +38,37 @@ def merged_states(source: str, messages: Sequence[Stamped], learned: Sequence[st
         InputFileError: a message names a joint twice, or has another number of values than joints; stamps go
             back; or joints were never recorded at the same time.
     """
-    fullest_first = sorted(messages, key=lambda each: -len(each.names))
-    joints = tuple(dict.fromkeys(n for m in fullest_first for n in m.names if m.only is None or n in m.only))
-    moments_ns = np.array([time_ns(m.message.header.stamp) for m in messages], dtype=np.int64)
+    messages, names = [each.message for each in stamped], [each.names for each in stamped]
+    fullest_first = sorted(names, key=len, reverse=True)
+    joints = tuple(dict.fromkeys(name for each in fullest_first for name in each if name))
+    _require_lengths(source, messages, names)
+    moments_ns = np.array([time_ns(message.header.stamp) for message in messages], dtype=np.int64)
     if not np.any(moments_ns):  # nobody has set the stamps
-        moments_ns = np.array([m.recorded_ns for m in messages], dtype=np.int64)
-    named, position_rad, effort_nm = _columns(source, messages, joints)
-    tells = np.array([len(m.message.effort) > 0 for m in messages])
+        moments_ns = np.array([each.recorded_ns for each in stamped], dtype=np.int64)
+    tells = np.array([len(message.effort) > 0 for message in messages])
+    values = [columns(messages, names, joints, field) for field in ("position", "effort")]
+    placed = np.array([len(message.position) > 0 for message in messages])
     rows = {}
-    for j, joint in enumerate(joints):
-        with_effort = named[:, j] & tells
-        rows[joint] = np.flatnonzero(with_effort if with_effort.any() else named[:, j])
-    joints_told = [joint for joint in joints if len(rows[joint])]
+    for joint in joints:
+        named = placed & np.array([joint in each for each in names])
+        rows[joint] = np.flatnonzero(named & tells if np.any(named & tells) else named)
+    told = [joint for joint in joints if len(rows[joint])]
     base = rows[min(learned, key=lambda joint: len(rows[joint]))]
     if all(np.array_equal(rows[joint], base) for joint in joints):
         time_s = (moments_ns[base] - moments_ns[base[0]]) / NS_PER_S
-        return JointRecording(source, joints, time_s, position_rad[base], effort_nm[base])
-    merged = _merged(source, joints, learned, rows, base, moments_ns, (position_rad, effort_nm))
-    return merged.of(joints_told)
+        return JointRecording(source, joints, time_s, values[0][base], values[1][base])
+    return _merged(source, joints, learned, rows, base, moments_ns, values).of(told)
 
 
-def _columns(
-    source: str, messages: Sequence[Stamped], joints: tuple[str, ...]
-) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Return which joints each message names, their positions and their efforts. Shape (n, n_joints)."""
-    shape = len(messages), len(joints)
-    named, values = np.zeros(shape, dtype=bool), [np.full(shape, np.nan) for _ in range(2)]
-    places: dict[tuple[str, ...], tuple[list[int], list[int]]] = {}
-    for k, each in enumerate(messages):
-        if each.names not in places:
-            if repeated := sorted({name for name in each.names if each.names.count(name) > 1}):
-                found = f"message {k + 1} names {', '.join(repeated)} twice"
-                raise InputFileError(source, found, "each joint once in a message")
-            taken = [i for i, name in enumerate(each.names) if each.only is None or name in each.only]
-            places[each.names] = taken, [joints.index(each.names[i]) for i in taken]
-        taken, columns = places[each.names]
-        for field, array in zip(("position", "effort"), values, strict=True):
-            told = getattr(each.message, field)
-            if len(told) != len(each.names) and len(each.message.effort):
-                found = f"message {k + 1} has {counted(len(told), 'value')} in {field}"
-                raise InputFileError(source, found, f"one for each of its {len(each.names)} joints")
-            if len(told) == len(each.names):
-                array[k, columns] = np.asarray(told)[taken]
-        named[k, columns] = len(each.message.position) == len(each.names)
-    return named, values[0], values[1]
+def _require_lengths(source: str, messages: Sequence[Any], names: Sequence[tuple[str, ...]]) -> None:
+    for k, (message, named) in enumerate(zip(messages, names, strict=True)):
+        if repeated := sorted({name for name in named if name and named.count(name) > 1}):
+            found = f"message {k + 1} names {', '.join(repeated)} twice"
+            raise InputFileError(source, found, "each joint once in a message")
+        for field in ("position", "effort") if len(message.effort) else ():
+            if (n := len(getattr(message, field))) != len(named):
+                found = f"message {k + 1} has {counted(n, 'value')} in {field}"
+                raise InputFileError(source, found, f"one for each of its {len(named)} joints")
 
 
 def _merged(
@@ -91,7 +78,7 @@ def _merged(
     rows: dict[str, IntArray],
     base: IntArray,
     moments_ns: IntArray,
-    values: tuple[FloatArray, FloatArray],
+    values: Sequence[FloatArray],
 ) -> JointRecording:
     at_ns = moments_ns[base]
     merged, kept = (

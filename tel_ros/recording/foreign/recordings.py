@@ -174,7 +174,11 @@ def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
             if fitting[best] <= set(map(wanted.renaming, message.joint_names)) and _tells_effort(message)
         ]
     stamped = [
-        Stamped(recorded_ns, message, tuple(map(wanted.renaming, message.name)), None if t == best else only)
+        Stamped(
+            recorded_ns,
+            message,
+            tuple(n if t == best or n in only else "" for n in map(wanted.renaming, message.name)),
+        )
         for t, only in chosen.items()
         for recorded_ns, message in read[t]
     ]
