@@ -159,28 +159,26 @@ def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]
             with ending_in_one_line():
                 function(options, **values)
 
-        decorators = [
-            click.command(function.__name__),
-            click.option("--jobs", default=1, show_default=True, help="Tasks at a time."),
-            click.option("--quick", is_flag=True, help="Compute less, to see that it works; print only."),
-            click.option("--only", metavar="NAME", multiple=True, help="Only this seed or case; print only."),
-            click.option(
-                "--out",
+        own = [
+            click.Option(["--jobs"], default=1, show_default=True, help="Tasks at a time."),
+            click.Option(["--quick"], is_flag=True, help="Compute less, to see that it works; print only."),
+            click.Option(
+                ["--only"], metavar="NAME", multiple=True, help="Only this seed or case; print only."
+            ),
+            click.Option(
+                ["--out"],
                 type=click.Path(path_type=Path, file_okay=False),
                 help="Folder of the page and figures. Default: docs, or none with --quick and --only.",
             ),
         ]
         if sets:
-            keys = click.option(
-                "--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key."
+            own.append(
+                click.Option(["--set", "overrides"], metavar="KEY=VALUE", multiple=True, help="Change a key.")
             )
-            decorators.append(keys)
         if seeds:
-            number = click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")
-            decorators.append(number)
-        made: Any = command
-        for add in reversed(decorators):
-            made = add(made)
+            own.append(click.Option(["--seeds"], default=seeds, show_default=True, help="How many, from 1."))
+        made: click.Command = click.command(function.__name__)(command)
+        made.params[:0] = own
         return made
 
     return decorate
