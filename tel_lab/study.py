@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 
+Chapter = tuple[str, list[tuple[str, str, bool]]]
+"""A text, and targets: what is wanted, what was found, and whether that is good enough."""
 ROOT = Path(__file__).parents[1]
 """Of the checkout."""
 DOCS = ROOT / "docs"
@@ -101,6 +103,26 @@ class StudyOptions:
                 print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
                 while waiting and waiting[0] in done:
                     yield done[waiting.pop(0)]
+
+    def chapters(
+        self,
+        page: str,
+        names: Sequence[str],
+        function: Callable[..., Chapter],
+        *arguments: Any,
+        **values: Any,
+    ) -> None:
+        """Compute chapters by name, side by side; print each with its judged targets, and write the page."""
+        names, sections, met = self.selected(names)[: 1 if self.quick else None], [], list[bool]()
+        tasks = {name: (name, *arguments) for name in names}
+        for name, (text, targets) in zip(names, self.results(function, tasks), strict=True):
+            judged = (f"- **{'met' if t[2] else 'not met'}**: {t[0]}. Found: {t[1]}.\n" for t in targets)
+            sections.append(f"## {name}\n\n{text}\n\n{''.join(judged)}")
+            click.echo(sections[-1])
+            met += [good for *_, good in targets]
+        summary = f"{sum(met)} of {len(met)} targets are met."
+        click.echo(summary)
+        self.write(page, summary=summary, sections=sections, **values)
 
     def write(
         self,

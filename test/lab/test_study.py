@@ -20,7 +20,7 @@ def divided(number: int) -> float:
 def made_up(options: StudyOptions) -> None:
     """Do nothing."""
     click.echo(f"{options.seeds} {options.jobs} {options.quick} {options.out} {options.command}")
-    options.write("arms.md", n_steps=3, met=1, total=2, sections=["## One"])
+    options.write("arms.md", n_steps=3, summary="1 of 2 targets are met.", sections=["## One"])
 
 
 def missing() -> None:
