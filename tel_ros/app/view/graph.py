@@ -67,9 +67,9 @@ class GraphView:
         for topic, name in ((topics.SAFETY_STOPPED, "stopped"), (topics.PAUSED, "paused")):
             node.create_subscription(Bool, topic, partial(self._note, name), qos.LATCHED)
         # The feedback of an action is a topic like any other.
-        feedback = Practice.Impl.FeedbackMessage
-        heard_of = f"{topics.PRACTICE}/_action/feedback"
-        node.create_subscription(feedback, heard_of, lambda m: on_feedback(m.feedback), qos.EVENTS)
+        kind, topic = Practice.Impl.FeedbackMessage, f"{topics.PRACTICE}/_action/feedback"
+        hear: Callable[[Any], None] = lambda message: on_feedback(message.feedback)  # noqa: E731
+        node.create_subscription(kind, topic, hear, qos.EVENTS)
         self._stop = node.create_client(Trigger, topics.SAFETY_STOP)
         self._reset = node.create_client(Trigger, topics.SAFETY_RESET)
         self._pause = node.create_client(SetBool, topics.PAUSE)
