@@ -97,6 +97,7 @@ class Injection:
                 lambda: self._graph.ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S
             )
         if kind.window_s is None:
+            self._graph.wait(lambda: self._tap.arm_ns > 0, START_TIMEOUT_S)  # stamps count from it
             self._act(fault, 1)
         else:
             begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))

@@ -213,7 +213,8 @@ class EpController:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(trial, state)
         self._equilibrium, effort, saturated = self._command(state, target)
-        if self._first_motion is not None and not (self._releasing or self.phase == Phase.HOLD):
+        watched = not (self._releasing or self.phase == Phase.HOLD or self.safety.response.waits)
+        if self._first_motion is not None and watched:
             fault = self._first_motion.look(state, self._equilibrium, effort)
             too_fast = self.phase == Phase.STOP and not trial.run_ns and self.limits.too_fast(state)
             if fault or too_fast:
