@@ -90,7 +90,7 @@ class ArmPhysics:
             raise ConfigError("sim.gui", sim.gui, "false, since there is no display (DISPLAY is not set)")
         check_dynamics(description, arm.hand_link, sim.payload_kg)
         for remark in filter(None, (description.assumed, *remarks(description))):
-            _LOG.info("%s: %s", arm.urdf, remark)
+            _LOG.warning("%s: %s", arm.urdf, remark)
         with rerouted(1, to=2):
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:

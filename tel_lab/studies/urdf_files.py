@@ -10,6 +10,7 @@ import math
 import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +18,21 @@ import click
 import numpy as np
 import yaml
 
-from sim_bridge.physics import SimulationError
 from tel_lab.offline import OfflinePractice
 from tel_lab.study import StudyOptions, study
-from tel_lab.tables import Column
+from tel_lab.tables import Column, Table
 from tel_ros.core.arm_description import TURNING, ArmDescription
 from tel_ros.core.errors import TelError
 from tel_ros.core.learning.rigid_body import inertia_matrix
 from tel_ros.core.plain_urdf import plain_urdf
-from tel_ros.core.trial import Outcome
+from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.urdf import Urdf
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.urdf import read_urdf
 from tel_ros.recording.waypoint_file import load_path
 
-PRACTISED, REFUSED, NO_ARM = "practised", "refused", "no arm"
+KINDS = COMPLETED, ABORTED, REFUSED, NO_ARM = "trial completed", "trial aborted", "refused", "no arm"
 FEWEST_JOINTS = 2
 OWN_FREQUENCY_RAD_S = 15.0
 """Of each joint on its spring."""
@@ -60,11 +60,13 @@ def judged(package: str, folder: Path, file: Path) -> Judged:
         if len(joints) < FEWEST_JOINTS:
             return Judged(package, name, NO_ARM, "")
         with tempfile.TemporaryDirectory() as scratch:
-            return Judged(package, name, PRACTISED, practised(urdf, file, joints, Path(scratch)))
-    except SimulationError as error:
-        return Judged(package, name, PRACTISED, str(error))
+            report = practised(urdf, file, joints, Path(scratch))
     except TelError as error:
-        return Judged(package, name, REFUSED, str(error).replace(str(file), file.name))
+        said = str(error).replace(f"{file}: ", "").replace(str(file), "the file")
+        return Judged(package, name, REFUSED, said)
+    if report.outcome is Outcome.COMPLETED:
+        return Judged(package, name, COMPLETED, f"{1e3 * report.rms_error_rad:.2f} mrad RMS")
+    return Judged(package, name, ABORTED, report.message)
 
 
 def arm_joints(urdf: Urdf) -> tuple[str, ...]:
@@ -80,8 +82,8 @@ def arm_joints(urdf: Urdf) -> tuple[str, ...]:
     return max(chains, key=len)
 
 
-def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) -> str:
-    """Practise, and return what came of it in words."""
+def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) -> TrialReport:
+    """Practise one trial, and return how it went."""
     arm = ArmDescription(urdf, joints)
     below = {joint.name for joint in urdf.way_to(urdf.joints[joints[-1]].parent)}
     said = {name for name in arm.held if name in below or urdf.joints[name].element.find("mimic") is not None}
@@ -90,6 +92,8 @@ def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) ->
     middle, step = 0.5 * (low + high), np.minimum(WAY_RAD, 0.2 * (high - low))
     inertia = inertia_matrix(plain_urdf(arm), joints, middle)
     stiffness = OWN_FREQUENCY_RAD_S**2 * (np.ones(len(joints)) if inertia is None else np.diag(inertia))
+    speed = np.array([min(limit.velocity_rad_s, SPEED_RAD_S) for limit in arm.limits])
+    duration_s = max(2.0, float(max(6.0 * step / speed)))
     config: dict[str, Any] = {
         "arm": {
             "name": urdf.root,
@@ -100,12 +104,12 @@ def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) ->
             "stiffness_nm_per_rad": stiffness.tolist(),
             "damping_nms_per_rad": (1.4 * stiffness / OWN_FREQUENCY_RAD_S).tolist(),
             "effort_limit_nm": [min(limit.effort_nm, EFFORT_NM) for limit in arm.limits],
-            "velocity_limit_rad_s": [min(limit.velocity_rad_s, SPEED_RAD_S) for limit in arm.limits],
+            "velocity_limit_rad_s": speed.tolist(),
             "position_min_rad": low.tolist(),
             "position_max_rad": high.tolist(),
         },
         "path": {"file": "waypoints.csv"},
-        "practice": {"trials": 1, "first_duration_s": 2.0, "goal_duration_s": 2.0},
+        "practice": {"trials": 1, "first_duration_s": duration_s, "goal_duration_s": duration_s},
         "sim": {"initial_position_rad": middle.tolist()},
     }
     (scratch / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
@@ -114,17 +118,19 @@ def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) ->
     loaded = load_config(scratch / "run.yaml")
     with OfflinePractice(loaded, load_path(loaded.path, loaded.arm), new_network(loaded)) as practice:
         (trial,) = practice.run()
-    report = trial.report
-    return (
-        f"{1e3 * report.rms_error_rad:.2f} mrad RMS"
-        if report.outcome is Outcome.COMPLETED
-        else report.message
-    )
+    return trial.report
 
 
-COLUMNS = (
-    Column[Judged]("file", lambda row: f"`{row.file}`", left=True),
-    Column[Judged]("what is said", lambda row: row.said, left=True),
+Counted = tuple[str, int, int, int, int, int]
+"""A package, and its numbers of files and of each kind of result."""
+COUNTS = (
+    Column[Counted]("package", lambda row: row[0], left=True),
+    *(Column[Counted](name, itemgetter(k)) for k, name in enumerate(("files", *KINDS), start=1)),
+)
+REFUSALS = (
+    Column[tuple[str, list[Judged]]]("file", lambda row: f"`{row[1][0].file}`", left=True),
+    Column[tuple[str, list[Judged]]]("files", lambda row: len(row[1])),
+    Column[tuple[str, list[Judged]]]("what is said", lambda row: row[0].replace("|", "\\|"), left=True),
 )
 
 
@@ -146,7 +152,24 @@ def urdf_files(options: StudyOptions, packages: tuple[str, ...]) -> None:
         for file in sorted(folder.rglob("*.urdf")):
             if file.is_file() and "random_urdfs" not in file.parts:
                 tasks[str(file)] = (folder.name, folder, file)
-    found = []
-    for row in options.results(judged, tasks):
-        found.append(row)
-        print(row.package, row.file, row.kind, row.said, sep="\t", flush=True)
+    found = list(options.results(judged, tasks))
+    counts: list[Counted] = []
+    for package in dict.fromkeys(row.package for row in found):
+        kinds = [row.kind for row in found if row.package == package]
+        done, aborted, refused, none = (kinds.count(kind) for kind in KINDS)
+        counts.append((package, len(kinds), done, aborted, refused, none))
+    groups: dict[str, list[Judged]] = {}
+    for row in (row for row in found if row.kind == REFUSED):
+        groups.setdefault(row.said, []).append(row)
+    tables = Table(COUNTS, counts).markdown(), Table(REFUSALS, list(groups.items())).markdown()
+    print(*tables, sep="\n\n")
+    no_arm = sum(row.kind == NO_ARM for row in found)
+    options.write(
+        "urdf_files.md",
+        arms=len(found) - no_arm,
+        files=len(found),
+        fewest=FEWEST_JOINTS,
+        no_arm=no_arm,
+        counts=tables[0],
+        refusals=tables[1],
+    )

@@ -19,8 +19,9 @@ from tel_ros.core.urdf import NOWHERE, Joint, Urdf
 
 PAYLOAD_LINK = "tel_ros_payload"
 MOST_LINKS = 127
-_ROUNDING, _NEARLY = 1e-9, 1.1
-"""How far a moment of inertia may be above the sum of the two others: silently, and at all."""
+_ROUNDING, _NEARLY = 1e-9, 1.3
+"""How far a moment of inertia may be above the sum of the two others: by rounding, and at all."""
+_NOTHING_KGM2 = 1e-12
 _BENT_RAD = 0.5
 """Of every joint: stretched out, at 0, an arm may not feel a point mass at its hand."""
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -49,41 +50,49 @@ class Inertial(NamedTuple):
 def inertial(urdf: Urdf, link: str, *, strict: bool = False) -> Inertial:
     """Return the inertial of a link; zero if it has none or, unless ``strict``, one that is nonsense.
 
-    Moments of which one is a little above the sum of the two others, as identified and rounded ones often
-    are, become the nearest that a body can have: PyBullet would take them as no inertia at all.
+    Moments of which one is a bit above the sum of the two others, as it happens by rounding, become the
+    nearest that a body can have, and those next to nothing 0: PyBullet would take them all as 0.
     """
-    element, read = urdf.links[link].find("inertial"), urdf.numbers
-    if element is None:
-        return Inertial()
     try:
-        found = Inertial(
-            read(element, "mass", "value", (0.0,))[0],
-            read(element, "origin", "xyz", NOWHERE),
-            read(element, "origin", "rpy", NOWHERE),
-            tuple(read(element, "inertia", key, (0.0,))[0] for key in _MOMENTS),
-        )
-        moments, axes = np.linalg.eigh(found.tensor_kgm2)
-        most = moments[0] + moments[1]
-        if not (1.0 + _ROUNDING) * most < moments[2] <= _NEARLY * most:
-            return found
-        tensor = axes @ np.diag([*moments[:2], most]) @ axes.T
-        return found._replace(moments_kgm2=tuple(tensor[np.triu_indices(3)].tolist()))
+        found = _written(urdf, link)
     except InputFileError as error:
         if not strict:
             return Inertial()
         raise urdf.refused(f"link {link!r}: {error.found}", error.expected) from None
+    moments, axes = np.linalg.eigh(found.tensor_kgm2)
+    most = moments[0] + moments[1]
+    if abs(moments).max() < _NOTHING_KGM2:
+        return found._replace(moments_kgm2=(0.0,) * len(_MOMENTS))
+    if not most < moments[2] <= _NEARLY * most:
+        return found
+    tensor = axes @ np.diag([*moments[:2], (1.0 - _ROUNDING) * most]) @ axes.T
+    return found._replace(moments_kgm2=tuple(tensor[np.triu_indices(3)].tolist()))
+
+
+def _written(urdf: Urdf, link: str) -> Inertial:
+    element, read = urdf.links[link].find("inertial"), urdf.numbers
+    if element is None:
+        return Inertial()
+    return Inertial(
+        read(element, "mass", "value", (0.0,))[0],
+        read(element, "origin", "xyz", NOWHERE),
+        read(element, "origin", "rpy", NOWHERE),
+        tuple(read(element, "inertia", key, (0.0,))[0] for key in _MOMENTS),
+    )
 
 
 def remarks(arm: ArmDescription) -> tuple[str, ...]:
     """Return what the file says, or leaves out, that its author may not have meant: one sentence each."""
     links = {name: link for name, link in arm.urdf.links.items() if name in arm.moving}
-    found = {name: inertial(arm.urdf, name) for name in links}
+    found = {name: inertial(arm.urdf, name, strict=True) for name in links}
     with_shape = [k for k, link in links.items() if link.findall("visual") + link.findall("collision")]
     bare = [name for name in with_shape if links[name].find("inertial") is None]
     massless = [name for name, each in found.items() if not each.mass_kg and any(each.moments_kgm2)]
+    changed = [name for name, each in found.items() if each != _written(arm.urdf, name)]
     said = {
         "links with a shape, but no <inertial>, are taken as weightless": bare,
         "links with an <inertia>, but no mass, are taken as written": massless,
+        "links with an <inertia> that hardly a body has are given the nearest that one can have": changed,
     }
     return tuple(f"{what}: {listed(names)}" for what, names in said.items() if names)
 

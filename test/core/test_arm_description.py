@@ -140,7 +140,6 @@ def test_links_that_form_no_tree_are_refused(text: str, said: str) -> None:
         ('type="revolute"', 'type="prismatic"', "joints that turn: shoulder slides, in m and N"),
         (LIMIT, LIMIT + '<mimic joint="elbow"/>', "joints that move on their own: shoulder mimics 'elbow'"),
         ('<mimic joint="slide"', '<mimic joint="elbow"', "arm.held is {}; expected {twin: POSITION} in it"),
-        ('<mimic joint="slide"', '<mimic joint="twin"', "joint 'twin' mimics 'twin'; expected another joint"),
         ('<mass value="1"/>', '<mass value="-1"/>', "link 'arm' has the mass -1.0; expected"),
         ('<mass value="1"/>', '<mass value="heavy"/>', """<inertial> has <mass value="heavy">"""),
         ('iyy="1"', 'iyy="-1"', "an <inertia> that no body has (principal moments -1, 1, 1 kg·m²)"),
@@ -192,6 +191,12 @@ def test_joints_that_do_not_move_are_held_near_0_or_where_the_configuration_says
     assert arm.held == {"slide": 0.02, "twin": pytest.approx(0.06)}
     assert arm.assumed == "held, as neither arm.joints nor arm.held names them: twin at 0.06"
     assert described(robot(*ARM), held={"slide": 0.02, "twin": 0.0}).assumed == ""
+
+
+@pytest.mark.parametrize("leader", ["twin", "nobody"])
+def test_a_joint_that_mimics_none_is_held_like_another(leader: str) -> None:
+    text = robot(*ARM).replace('mimic joint="slide"', f'mimic joint="{leader}"')
+    assert described(text).held["twin"] == 0.0
 
 
 def test_all_readers_see_a_held_joint_at_its_place() -> None:
