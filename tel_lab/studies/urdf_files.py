@@ -135,15 +135,12 @@ REFUSALS = (
 
 
 @study(sets=False)
-@click.argument("packages", nargs=-1)
+@click.option("--in", "packages", multiple=True, default=["pybullet_data"], help="Folder or Python package.")
 def urdf_files(options: StudyOptions, packages: tuple[str, ...]) -> None:
-    """Which of the URDF files that packages ship can be practised with.
-
-    PACKAGES: folders, or installed Python packages (default: pybullet_data).
-    """
+    """Which of the URDF files that packages ship can be practised with."""
     tasks = {}
-    for name in packages or ("pybullet_data",):
-        folder = Path(name)
+    for name in packages:
+        folder = Path(name).absolute()
         if not folder.is_dir():
             spec = find_spec(name)
             if spec is None or not spec.submodule_search_locations:
