@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,14 +20,15 @@ from tel_ros.core.check.listening import listed
 from tel_ros.core.check.pulses import STATE_GAP_S, PulseBounds, PulseGuard
 from tel_ros.core.check.session import PulseSession
 from tel_ros.core.config import ArmConfig, Config
-from tel_ros.core.errors import ConfigError
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.plain_urdf import check_dynamics
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.types import FloatArray
 from tel_ros.nodes.arm_check import ArmClient, endpoints
 from tel_ros.nodes.waiting import namespace_hint
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import dump_config
-from tel_ros.recording.urdf import described, urdf_text
+from tel_ros.recording.urdf import described
 
 CHANNEL_TIMEOUT_S = 5.0
 DISCOVERY_S = 0.5
@@ -63,14 +64,8 @@ def check_arm(
 
         client.spin_for(begun_s + DISCOVERY_S - time.monotonic())
         if config.run.arm == "sim":
-            _refuse_other_arm(client, command_topic)
-            client.still_there = arm.enter_context(_simulated_arm(config, namespace)).check
+            client.still_there = _simulated_arm(arm, client, config, namespace).check
             arm.callback(client.send_zero)
-        if bounds is not None:
-            import tel_ros.core.learning.rigid_body  # noqa: F401
-
-            with suppress(ImportError):
-                import pinocchio  # noqa: F401
         _wait_for_states(client, config)
         client.spin_for(listen_s)
         listened = Evidence(
@@ -90,26 +85,21 @@ def check_arm(
         else:
             states = client.states()
             enough = len(states) >= ENOUGH_STATES and not any(finding.blocks for finding in findings)
-            moved = replace(listened, not_pulsed=why, moving=states if enough else None)
+            moved = replace(listened, not_pulsed=why, moving=states if enough else listened.moving)
         return findings + judge(moved, MOVING)
 
 
-@contextmanager
-def _simulated_arm(config: Config, namespace: str) -> Iterator[NodeProcesses]:
-    require_simulator()
-    with tempfile.TemporaryDirectory(prefix="tel_check_") as folder:
-        file = Path(folder) / "run.yaml"
-        file.write_text(dump_config(config), encoding="utf-8")
-        with NodeProcesses(file, ["sim_bridge"], Path(folder) / "log", namespace=namespace) as processes:
-            yield processes
-
-
-def _refuse_other_arm(client: ArmClient, command_topic: str) -> None:
-    """Make sure that a check of the simulated arm cannot reach another one."""
-    others = sorted({node for kind in endpoints(client.node, command_topic) for node, _, _ in kind})
-    if others:
+def _simulated_arm(arm: ExitStack, client: ArmClient, config: Config, namespace: str) -> NodeProcesses:
+    """Start the simulated arm, once it is sure that its check cannot reach another one."""
+    found = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
+    if others := sorted({node for kind in found for node, _, _ in kind}):
         expected = f"a domain without another arm, or run.arm=external (found {', '.join(others)})"
         raise ConfigError("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "0"), expected)
+    require_simulator()
+    folder = Path(arm.enter_context(tempfile.TemporaryDirectory(prefix="tel_check_")))
+    (folder / "run.yaml").write_text(dump_config(config), encoding="utf-8")
+    nodes = NodeProcesses(folder / "run.yaml", ["sim_bridge"], folder / "log", namespace=namespace)
+    return arm.enter_context(nodes)
 
 
 def _wait_for_states(client: ArmClient, config: Config) -> None:
@@ -158,32 +148,17 @@ def _pulse(client: ArmClient, config: Config, bounds: PulseBounds, listened: Evi
     damping = np.array(config.arm.damping_nms_per_rad)
     session = PulseSession(guard, damping, heard.resolution_rad(), client.states, model)
     client.run(session.course())
-    return replace(listened, moving=client.states(), pulses=session.shown())
+    return replace(listened, moving=client.states(), pulsed=session.shown())
 
 
 def _model(arm: ArmConfig, position_rad: FloatArray) -> UrdfModel:
-    from tel_ros.core.learning.rigid_body import inertia_matrix  # late: it loads what learning needs
-
+    """Return what the URDF says of the arm at a posture."""
     found = described(arm)
-    inertia, why = None, "the inertia in the URDF is that of no body (not positive definite)"
-    links = {name: found.urdf.below(found.urdf.joints[name].child) for name in arm.joints}
-    has_mass = {
-        name: any(found.urdf.links[link].find("inertial") is not None for link in links[name])
-        for name in links
-    }
-    if not all(has_mass.values()):
-        why = f"the URDF gives no mass to what {', '.join(n for n in links if not has_mass[n])} moves"
+    friction = np.array(found.viscous_friction_nms_per_rad)
     try:
-        import pinocchio  # noqa: F401 - inertia_matrix does not tell why it returns none
-
-        inertia = inertia_matrix(urdf_text(found), arm.joints, position_rad)
-    except ModuleNotFoundError as error:
-        why = f"Pinocchio cannot be loaded ({error})"
-        if error.name == "pinocchio":
-            why = "Pinocchio is not installed: pip install 'tel_ros[rigid-body]'"
-    except (ImportError, ValueError, RuntimeError) as error:
-        why = f"Pinocchio cannot be loaded, or not read this URDF ({error})"
-    return UrdfModel(inertia, np.array(found.viscous_friction_nms_per_rad), why)
+        return UrdfModel(check_dynamics(found, arm.hand_link, position_rad=position_rad), friction)
+    except InputFileError as error:
+        return UrdfModel(None, friction, f"of the URDF: {error.found}")
 
 
 def _announcement(config: Config, bounds: PulseBounds) -> str:

@@ -2,89 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
+from functools import partial
 
 import numpy as np
 
 from tel_ros.core.check import driver, listening, response
 from tel_ros.core.check.evidence import ENOUGH_STATES, Evidence, Finding, Verdict
 
-
-class Needs(Enum):
-    """What has to be there for a check to be made."""
-
-    GRAPH = "who is on the topics, and the names in the joint states"
-    STATES = "enough states that name all joints"
-    POSITIONS = "such states with finite positions"
-    MOTION = "states heard after that, with finite positions"
-    ATTEMPT = "an attempt to pulse the arm"
-    PULSES = "pulses that were sent"
-
-    def met_by(self, evidence: Evidence) -> bool:
-        """Return whether it is there."""
-        states = evidence.moving if self is Needs.MOTION else evidence.states
-        finite = states is not None and bool(np.isfinite(states.position_rad).all())
-        enough = len(evidence.states) >= ENOUGH_STATES
-        met = {Needs.STATES: enough, Needs.POSITIONS: enough and finite, Needs.MOTION: finite}
-        return met.get(self, self is not Needs.PULSES or bool(evidence.pulses and evidence.pulses.pulses))
+IS_THERE: dict[str, Callable[[Evidence], bool]] = {
+    "graph": lambda seen: True,  # who is on the topics, and the names in the joint states
+    "states": lambda seen: len(seen.states) >= ENOUGH_STATES,
+    "positions": lambda seen: IS_THERE["states"](seen) and bool(np.isfinite(seen.states.position_rad).all()),
+    "motion": lambda seen: len(seen.moving) > 0 and bool(np.isfinite(seen.moving.position_rad).all()),
+    "pulses": lambda seen: bool(seen.pulsed.pulses),
+}
+"""What checks need: whether it is there."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing to find out about an arm: from the evidence to findings for the arm or for each joint."""
+    """One thing to find out about an arm, or about each of its joints."""
 
     title: str
-    needs: Needs
-    judge: Callable[[Evidence], Iterable[Finding]]
+    needs: str
+    judge: Callable[..., Finding | None]
+    """Gets the evidence, and the number of the joint if it is ``of_joints``; None: nothing to say."""
+    blocks: bool = False
+    """Whether an arm must not be moved with which this is wrong."""
+    of_joints: bool = False
 
-    def findings(self, evidence: Evidence) -> list[Finding]:
+    def findings(self, seen: Evidence) -> list[Finding]:
         """Return what it finds, under its title; an empty list if what it needs is missing."""
-        found = self.judge(evidence) if self.needs.met_by(evidence) else ()
-        return [replace(finding, check=self.title) for finding in found]
+        cases = [(name, (j,)) for j, name in enumerate(seen.arm.joints)] if self.of_joints else [("", ())]
+        return [
+            replace(f, check=self.title, joint=joint, blocks=self.blocks and f.verdict is Verdict.WRONG)
+            for joint, which in (cases if IS_THERE[self.needs](seen) else ())
+            if (f := self.judge(seen, *which))
+        ]
 
 
-CHECKS = (
-    Check("publisher of states", Needs.GRAPH, listening.state_publisher),
-    Check("other commands", Needs.GRAPH, listening.other_commanders),
-    Check("listener to commands", Needs.GRAPH, listening.command_listener),
-    Check("quality of service", Needs.GRAPH, listening.quality_of_service),
-    Check("name", Needs.GRAPH, listening.joint_names),
-    Check("fields", Needs.GRAPH, listening.fields),
-    Check("states", Needs.GRAPH, listening.number_of_states),
-    Check("rate of states", Needs.STATES, listening.rate_of_states),
-    Check("rate of stamps", Needs.STATES, listening.rate_of_stamps),
-    Check("jitter of arrival", Needs.STATES, listening.jitter),
-    Check("order of stamps", Needs.STATES, listening.order_of_stamps),
-    Check("age of states", Needs.STATES, listening.age),
-    Check("positions", Needs.STATES, listening.positions),
-    Check("velocities", Needs.STATES, listening.velocities),
-    Check("efforts", Needs.STATES, listening.efforts),
-    Check("posture", Needs.POSITIONS, listening.posture),
-    Check("pulses", Needs.ATTEMPT, response.pulses),
-    Check("effort channel", Needs.PULSES, response.effort_channel),
-    Check("wiring", Needs.PULSES, response.wiring),
-    Check("sign of effort", Needs.PULSES, response.sign),
-    Check("both ways", Needs.PULSES, response.both_ways),
-    Check("effort scale", Needs.PULSES, response.effort_scale),
-    Check("round-trip delay", Needs.PULSES, driver.delay),
-    Check("effort field", Needs.PULSES, driver.effort_field),
-    Check("effort steps", Needs.MOTION, driver.effort_steps),
-    Check("watchdog of the driver", Needs.PULSES, driver.watchdog),
-    Check("velocity", Needs.MOTION, listening.velocity),
+_of_joints = partial(Check, of_joints=True)
+LISTENING = (
+    Check("publisher of states", "graph", listening.state_publisher, blocks=True),
+    Check("other commands", "graph", listening.other_commanders, blocks=True),
+    Check("listener to commands", "graph", listening.command_listener, blocks=True),
+    Check("quality of service", "graph", listening.quality_of_service),
+    _of_joints("name", "graph", listening.joint_name, blocks=True),
+    Check("fields", "graph", listening.fields, blocks=True),
+    Check("states", "graph", listening.number_of_states, blocks=True),
+    Check("rate of states", "states", listening.rate_of_states),
+    Check("rate of stamps", "states", listening.rate_of_stamps),
+    Check("jitter of arrival", "states", listening.jitter),
+    Check("order of stamps", "states", listening.order_of_stamps, blocks=True),
+    Check("age of states", "states", listening.age, blocks=True),
+    Check("positions", "states", listening.positions, blocks=True),
+    Check("velocities", "states", listening.velocities),
+    Check("efforts", "states", listening.efforts),
+    _of_joints("posture", "positions", listening.posture, blocks=True),
 )
-"""A new check is one function of :class:`Evidence` and one entry here."""
-
-LISTENING = (Needs.GRAPH, Needs.STATES, Needs.POSITIONS)
-"""Known before the arm is moved."""
-MOVING = (Needs.ATTEMPT, Needs.PULSES, Needs.MOTION)
+"""Known before the arm is moved. A new check is a function of the evidence and an entry, here or below."""
+MOVING = (
+    Check("pulses", "graph", response.pulses),
+    _of_joints("effort channel", "pulses", response.effort_channel),
+    _of_joints("wiring", "pulses", response.wiring),
+    _of_joints("sign of effort", "pulses", response.sign),
+    _of_joints("both ways", "pulses", response.both_ways),
+    _of_joints("effort scale", "pulses", response.effort_scale),
+    Check("round-trip delay", "pulses", driver.delay),
+    _of_joints("effort field", "pulses", driver.effort_field),
+    _of_joints("effort steps", "motion", driver.effort_steps),
+    Check("watchdog of the driver", "pulses", driver.watchdog),
+    _of_joints("velocity", "motion", listening.velocity),
+)
 """Known after that."""
 
 
-def judge(evidence: Evidence, needs: Collection[Needs]) -> list[Finding]:
-    """Return what the checks find that need one of these."""
-    return [finding for check in CHECKS if check.needs in needs for finding in check.findings(evidence)]
+def judge(evidence: Evidence, checks: Sequence[Check]) -> list[Finding]:
+    """Return what these checks find."""
+    return [finding for check in checks for finding in check.findings(evidence)]
 
 
 def worst(findings: Iterable[Finding]) -> Verdict:

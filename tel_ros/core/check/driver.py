@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,7 +28,7 @@ _LONGEST_S = 0.06
 _UNLIKE = "it is not in N·m at the joint, belongs to another joint, is filtered, or the channel is dead"
 
 
-def delay(seen: Evidence) -> Iterator[Finding]:
+def delay(seen: Evidence) -> Finding:
     """A state that shows the effect of a command comes soon after the command.
 
     Joints that do not answer their own command are left out. The effort field tells where it follows the
@@ -48,18 +48,17 @@ def delay(seen: Evidence) -> Iterator[Finding]:
     late = bool(moved) and min(moved) > limit_s
     by_field = f"{_figure(told)} by the effort field" if told else ""
     if told and not late:
-        yield judged(float(np.median(told)) <= limit_s, by_field, expected, mend)
-    elif moved and (late or (apart_s <= limit_s and min(moved) >= -DELAY_ERROR_S)):
+        return judged(float(np.median(told)) <= limit_s, by_field, expected, mend)
+    if moved and (late or (apart_s <= limit_s and min(moved) >= -DELAY_ERROR_S)):
         by_motion = f"{_figure(np.maximum(moved, 0.0))} by the motion, give or take 2 ms"
         measured = f"{by_motion}, {by_field}" if told else by_motion
-        yield judged(float(np.median(moved)) <= limit_s, measured, expected, mend)
-    elif moved:
+        return judged(float(np.median(moved)) <= limit_s, measured, expected, mend)
+    if moved:
         apart = f"delays that are {apart_s * 1e3:.0f} ms apart" if apart_s > limit_s else "no possible delay"
-        yield unchecked(
+        return unchecked(
             f"the motion of {counted(len(moved), 'pulse')} gives {apart} (dry friction?)", expected
         )
-    else:
-        yield unchecked("no joint has clearly answered its own command", expected)
+    return unchecked("no joint has clearly answered its own command", expected)
 
 
 def _figure(delays_s: Sequence[float] | FloatArray) -> str:
@@ -104,62 +103,45 @@ def motion_delay_s(pulse: Pulse, visible_rad: float) -> float | None:
     time_s, position = pulse.states.received_s, pulse.states.position_rad[:, pulse.joint]
     if abs(pulse.reach_rad[pulse.joint]) < visible_rad or len(time_s) < 10:
         return None
-    delays_s = np.arange(-0.2 * _LONGEST_S, _LONGEST_S, 5e-4)
-    errors = [_misfit(pulse, time_s - delay_s, position) for delay_s in delays_s]
-    return float(delays_s[int(np.argmin(errors))])
+
+    def misfit(delay_s: float) -> float:
+        since_s = np.maximum(time_s[:, None] - delay_s - [pulse.start_s, pulse.turn_s, pulse.zero_s], 0.0)
+        # In units of the pulse's own length, so that all columns are of one size.
+        powers = [(since_s / (pulse.zero_s - pulse.start_s)) ** n @ [1.0, -2.0, 1.0] for n in (2, 3)]
+        columns = np.column_stack([np.ones_like(time_s), *powers])
+        solution = np.linalg.lstsq(columns, position, rcond=None)[0]
+        return float(np.sum((columns @ solution - position) ** 2))
+
+    return float(min(np.arange(-0.2 * _LONGEST_S, _LONGEST_S, 5e-4), key=misfit))
 
 
-def _misfit(pulse: Pulse, time_s: FloatArray, position_rad: FloatArray) -> float:
-    """Return the squared error of the best motion with the pulse's shape at these times."""
-    twice, thrice = np.zeros_like(time_s), np.zeros_like(time_s)
-    for at_s, change in ((pulse.start_s, 1.0), (pulse.turn_s, -2.0), (pulse.zero_s, 1.0)):
-        since_s = np.maximum(time_s - at_s, 0.0)
-        twice += change * since_s**2 / 2.0
-        thrice += change * since_s**3 / 6.0
-    # In units of the pulse's own length, so that all columns are of one size.
-    length_s = pulse.zero_s - pulse.start_s
-    columns = np.column_stack([np.ones_like(time_s), twice / length_s**2, thrice / length_s**3])
-    solution = np.linalg.lstsq(columns, position_rad, rcond=None)[0]
-    return float(np.sum((columns @ solution - position_rad) ** 2))
-
-
-def effort_field(seen: Evidence) -> Iterator[Finding]:
+def effort_field(seen: Evidence, j: int) -> Finding:
     """The effort in the joint states has the sign and scale of the command."""
-    expected = f"{1 / FOLLOWS:g} to {FOLLOWS:g} times the command"
-    for j, joint in enumerate(seen.arm.joints):
-        gain = seen.pulsed.effort_gain(j)
-        if np.isnan(gain):
-            none = "none is sent" if seen.pulsed.of(j) else "the pulses ended before its turn"
-            yield unchecked(none, expected, joint=joint)
-            continue
+    expected, gain = f"{1 / FOLLOWS:g} to {FOLLOWS:g} times the command", seen.pulsed.effort_gain(j)
+    if np.isnan(gain):
+        none = "none is sent" if seen.pulsed.of(j) else unsound(seen.pulsed, j, seen.arm.joints)
+        return unchecked(none, expected)
+    mend, otherwise = _UNLIKE, Verdict.WARNING
+    if gain < -1.0 / FOLLOWS:
         mend, otherwise = "its sign is flipped against the command", Verdict.WRONG
-        if gain >= -1.0 / FOLLOWS:
-            mend, otherwise = _UNLIKE, Verdict.WARNING
-        yield judged(
-            follows(gain), f"{gain:.3g} times the command", expected, mend, joint=joint, otherwise=otherwise
-        )
+    return judged(follows(gain), f"{gain:.3g} times the command", expected, mend, otherwise)
 
 
-def effort_steps(seen: Evidence) -> Iterator[Finding]:
+def effort_steps(seen: Evidence, j: int) -> Finding:
     """The effort field has fine steps."""
-    for j, joint in enumerate(seen.arm.joints):
-        limit_nm = QUANTUM_SHARE * seen.arm.effort_limit_nm[j]
-        column = seen.moved.effort_nm[:, j]
-        values = np.unique(column[np.isfinite(column)])
-        steps = np.diff(values)
-        steps = steps[steps > 1e-12]
-        expected = f"steps of up to {limit_nm:.3g} N·m ({QUANTUM_SHARE:.1%} of the limit)"
-        if not len(steps):
-            text = "the effort field has not changed" if len(values) else "none is sent"
-            yield unchecked(text, expected, joint=joint)
-            continue
-        step_nm = float(steps.min())
-        mend = "small corrections are lost between such steps: a finer command interface, or less gear"
-        good, otherwise = step_nm <= limit_nm, Verdict.WARNING
-        yield judged(good, f"{step_nm:.3g} N·m", expected, mend, joint=joint, otherwise=otherwise)
+    limit_nm = QUANTUM_SHARE * seen.arm.effort_limit_nm[j]
+    values = np.unique(seen.moving.effort_nm[:, j])
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    steps = steps[steps > 1e-12]
+    expected = f"steps of up to {limit_nm:.3g} N·m ({QUANTUM_SHARE:.1%} of the limit)"
+    if not len(steps):
+        return unchecked("the effort field has not changed" if len(values) else "none is sent", expected)
+    mend = "small corrections are lost between such steps: a finer command interface, or less gear"
+    return judged(steps.min() <= limit_nm, f"{steps.min():.3g} N·m", expected, mend, Verdict.WARNING)
 
 
-def watchdog(seen: Evidence) -> Iterator[Finding]:
+def watchdog(seen: Evidence) -> Finding:
     """The effort goes to zero by itself after the last command.
 
     Judged by the effort field where it follows the command, else by the motion: with effort the joint goes on
@@ -167,16 +149,15 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
     """
     silence, rate_hz = seen.pulsed.silence, seen.rate_hz
     expected = f"zero effort within {WATCHDOG_S * 1e3:g} ms after the last command"
-    mend = (
-        "a driver must switch the effort off when commands stop: stock effort controllers do not, they hold "
-        "the last command for ever. Give the hardware interface a time-out; else a crash leaves effort on"
-    )
     if silence is None:
         none = (
             "the pulses ended early" if seen.pulsed.complaint else "no joint answers its own command clearly"
         )
-        yield unchecked(none, expected)
-        return
+        return unchecked(none, expected)
+    mend = (
+        "a driver must switch the effort off when commands stop: stock effort controllers do not, they hold "
+        "the last command for ever. Give the hardware interface a time-out; else a crash leaves effort on"
+    )
     # Two periods for the way there and back.
     allowed_s = WATCHDOG_S + 2.0 / rate_hz + 0.005
     gain = seen.pulsed.effort_gain(silence.joint)
@@ -184,24 +165,19 @@ def watchdog(seen: Evidence) -> Iterator[Finding]:
     if acted_s is None:
         (before, error), (after, late_error) = _accelerations(silence, allowed_s, seen.pulsed.resolution_rad)
         if not (abs(before) > 4.0 * error and late_error < 0.25 * abs(before)):  # also if NaN
-            yield unchecked("the joint goes too little to show it, and the effort field does not", expected)
-            return
+            return unchecked("the joint goes too little to show it, and the effort field does not", expected)
         left = f"{max(after / before, 0.0):.0%} of the acceleration is left after {allowed_s * 1e3:.0f} ms"
-        yield judged(after / before < 0.5, f"{left} (by the motion)", expected, mend)
-        return
+        return judged(after / before < 0.5, f"{left} (by the motion)", expected, mend)
     measured = f"effort until {max(acted_s, 0.0) * 1e3:.0f} ms after the last command"
     if acted_s > allowed_s:
-        yield judged(False, measured, expected, mend)
-        return
+        return judged(False, measured, expected, mend)
     short_s = max(SHORT_WATCHDOG_S, SHORT_WATCHDOG_PERIODS / rate_hz)
-    yield judged(
-        acted_s <= allowed_s - WATCHDOG_S + short_s,
-        measured,
-        f"{expected}, better within {short_s * 1e3:g} ms",
+    mend = (
         "shorten the driver's time-out: commands that come one at a time, 20 to 90 ms apart, can drive an "
-        "arm wild within the longest one",
-        otherwise=Verdict.WARNING,
+        "arm wild within the longest one"
     )
+    expected = f"{expected}, better within {short_s * 1e3:g} ms"
+    return judged(acted_s <= allowed_s - WATCHDOG_S + short_s, measured, expected, mend, Verdict.WARNING)
 
 
 def _acted_s(silence: Silence, gain: float) -> float | None:

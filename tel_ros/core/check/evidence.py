@@ -70,8 +70,8 @@ class StateRecord:
 
     @cached_property
     def longest_still_s(self) -> float:
-        """For how long nothing but the time has changed, at most; infinite if it never has."""
-        values = np.nan_to_num(np.hstack([self.position_rad, self.velocity_rad_s, self.effort_nm]))
+        """For how long no position or velocity has changed, at most; infinite if none ever has."""
+        values = np.nan_to_num(np.hstack([self.position_rad, self.velocity_rad_s]))
         changed = np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1
         return float(np.diff(self.received_s[[0, *changed, -1]]).max()) if len(changed) else math.inf
 
@@ -114,7 +114,7 @@ class Pulse:
 
     @cached_property
     def stood_still(self) -> bool:
-        """Whether nothing in the joint states has changed since it began."""
+        """Whether no position or velocity has changed since it began."""
         return len(self.states) > 1 and math.isinf(self.states.longest_still_s)
 
     def arm_time_factor(self) -> float:
@@ -213,6 +213,10 @@ class Pulsed:
         return sorted({pulse.joint for pulse in moved})
 
 
+_NONE = np.zeros(0)
+NOT_PULSED = Pulsed((), None, _NONE, _NONE, _NONE, "", "", UrdfModel(None, _NONE))
+
+
 @dataclass(frozen=True)
 class Evidence:
     """All that is known of an arm that is checked."""
@@ -237,21 +241,9 @@ class Evidence:
     """Stamps count the arm's own time (as a simulated arm's do) and show no age."""
     not_pulsed: str = ""
     """Why no pulses were sent, if they were not."""
-    moving: StateRecord | None = None
+    moving: StateRecord = StateRecord.of((), ())
     """Everything that was heard since, while the arm was pulsed or moved by hand."""
-    pulses: Pulsed | None = None
-
-    @property
-    def pulsed(self) -> Pulsed:
-        """What pulses have shown, for checks that need it."""
-        assert self.pulses is not None
-        return self.pulses
-
-    @property
-    def moved(self) -> StateRecord:
-        """States of an arm that moved, for checks that need them."""
-        assert self.moving is not None
-        return self.moving
+    pulsed: Pulsed = NOT_PULSED
 
 
 class Verdict(Enum):
@@ -272,30 +264,20 @@ class Finding:
     measured: str
     expected: str
     mend: str = ""
+    check: str = ""
     joint: str = ""
-    """Empty: the arm as a whole."""
+    """Empty: the arm as a whole. The check fills in its title, the joint and whether it blocks."""
     blocks: bool = False
     """Whether the arm must not be moved before this is mended."""
-    check: str = ""
-    """Title of the check, which fills it in."""
 
 
-def unchecked(reason: str, expected: str, mend: str = "", joint: str = "") -> Finding:
+def unchecked(reason: str, expected: str, mend: str = "") -> Finding:
     """Return a finding of what could not be checked, for this reason."""
-    return Finding(Verdict.NOT_CHECKED, f"because {reason}", expected, mend, joint)
+    return Finding(Verdict.NOT_CHECKED, f"because {reason}", expected, mend)
 
 
 def judged(
-    good: bool,
-    measured: str,
-    expected: str,
-    mend: str,
-    *,
-    joint: str = "",
-    otherwise: Verdict = Verdict.WRONG,
-    blocks: bool = False,
+    good: bool, measured: str, expected: str, mend: str, otherwise: Verdict = Verdict.WRONG
 ) -> Finding:
     """Return a finding that is OK, or ``otherwise`` with what to mend."""
-    if good:
-        return Finding(Verdict.OK, measured, expected, "", joint)
-    return Finding(otherwise, measured, expected, mend, joint, blocks and otherwise is Verdict.WRONG)
+    return Finding(Verdict.OK, measured, expected) if good else Finding(otherwise, measured, expected, mend)

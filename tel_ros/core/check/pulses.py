@@ -10,7 +10,6 @@ import math
 from collections import deque
 from collections.abc import Generator
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -95,7 +94,8 @@ class PulseGuard:
         self._home = self._last = home
         self._ignored = ""
         self._sent_nm = np.zeros_like(self.most_nm)
-        self._stood_still_since_s, self._effort_changed_s = home.received_s, -np.inf
+        self._still_since_s = np.full_like(self.most_nm, home.received_s)
+        self._all_still_since_s, self._effort_changed_s = home.received_s, -np.inf
         self.resolution_rad: FloatArray = np.zeros_like(self.most_nm)
         self._follows_nm = np.full_like(self.most_nm, np.inf)
         self.complaint: str | None = None
@@ -122,8 +122,6 @@ class PulseGuard:
         """Take in a new state; return whether to go on."""
         self.look_at_clock(heard.received_s)
         before, self._last, self._ignored = self._last, heard, ""
-        if not all(map(partial(np.array_equal, equal_nan=True), before[3:], heard[3:])):
-            self._stood_still_since_s = heard.received_s
         told_nm = (heard.effort_nm - self._home.effort_nm) * np.sign(self._sent_nm)
         follows = (
             (self._sent_nm != 0.0)
@@ -142,27 +140,34 @@ class PulseGuard:
                 "are the positions degrees instead of radians? Else less effort (--effort-share), or more "
                 "room (--range)",
             )
-        self._look_for_frozen(heard)
+        self._look_for_frozen(before, heard)
         return self.complaint is None
 
-    def _look_for_frozen(self, heard: Heard) -> None:
-        """Stop if all values stand still in motion, or while an effort changes that they used to show."""
-        still_s = heard.received_s - self._stood_still_since_s
-        if still_s < FROZEN_S:
-            return
+    def _look_for_frozen(self, before: Heard, heard: Heard) -> None:
+        """Stop if values stand still in motion, without their noise, or while the effort changes."""
+        same = [
+            (now == last) | (np.isnan(now) & np.isnan(last))
+            for now, last in zip(heard[3:], before[3:], strict=True)
+        ]
+        self._still_since_s[~(same[0] & same[1])] = heard.received_s
+        if not np.all(same):
+            self._all_still_since_s = heard.received_s
+        still_s = heard.received_s - self._still_since_s
         # A constant velocity that is there at rest as well is a bias, and a slow joint takes its time from
         # one step of the encoder to the next.
         speed = np.nan_to_num(np.abs(heard.velocity_rad_s - self._home.velocity_rad_s))
-        moves = speed * still_s > np.maximum(4.0 * self.resolution_rad, 2e-4)
-        found = f"the joint states are frozen: their stamps go on, no value has changed for {still_s:.2f} s"
+        moves = (still_s >= FROZEN_S) & (speed * still_s > np.maximum(4.0 * self.resolution_rad, 2e-4))
         if np.any(moves):
             j = int(np.argmax(moves))
-            speed_text = f"although {self.joints[j]} is said to move at {heard.velocity_rad_s[j]:.2g} rad/s"
-            self.stop(f"{found}, {speed_text}", FROZEN_MEND)
-        elif still_s > self._quiet_s:
-            self.stop(f"{found}, and there was noise before", FROZEN_MEND)
-        elif self._stood_still_since_s <= self._effort_changed_s <= heard.received_s - FROZEN_S:
-            self.stop(f"{found}, although the effort has", FROZEN_MEND)
+            self.stop_frozen(f"{self.joints[j]} stands still, and is said to move at {speed[j]:.2g} rad/s")
+        elif still_s.min() > self._quiet_s:
+            self.stop_frozen("their noise has gone")
+        elif self._all_still_since_s <= self._effort_changed_s <= heard.received_s - FROZEN_S:
+            self.stop_frozen("no value has changed with the effort")
+
+    def stop_frozen(self, how: str) -> None:
+        """End everything because readings are frozen."""
+        self.stop(f"the joint states are frozen, though their stamps go on: {how}", FROZEN_MEND)
 
     def look_at_clock(self, now_s: float) -> bool:
         """Take in that time has passed; return whether to go on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,104 +27,96 @@ ONE_WAY_SHARE = 0.3
 _STEP_S = 1e-3
 
 
-def pulses(seen: Evidence) -> Iterator[Finding]:
+def pulses(seen: Evidence) -> Finding | None:
     """All pulses were sent; no finding if they were."""
     if seen.not_pulsed:
-        yield unchecked(seen.not_pulsed, "sign, scale, delay, watchdog")
-    elif seen.pulses is not None and seen.pulses.complaint:
-        text = f"ended early: {seen.pulses.complaint}"
-        yield judged(False, text, "all pulses within the allowed range", seen.pulses.mend)
+        return unchecked(seen.not_pulsed, "sign, scale, delay, watchdog")
+    text = f"ended early: {seen.pulsed.complaint}"
+    bad = judged(False, text, "all pulses within the allowed range", seen.pulsed.mend)
+    return bad if seen.pulsed.complaint else None
 
 
-def effort_channel(seen: Evidence) -> Iterator[Finding]:
+def effort_channel(seen: Evidence, j: int) -> Finding:
     """Something moves when a joint is pushed."""
     pulsed, expected = seen.pulsed, "the joint moves"
+    own = pulsed.of(j)
+    if not own:
+        return unchecked(unsound(pulsed, j, seen.arm.joints), expected)
+    pulse = max(own, key=lambda pulse: float((np.abs(pulse.reach_rad) / pulsed.visible_rad).max()))
+    at = f"at ±{abs(pulse.effort_nm):.3g} N·m"
+    if j in pulsed.moved:
+        return judged(True, f"moves {at}", expected, "")
+    furthest = int(np.argmax(np.abs(pulse.reach_rad) / pulsed.visible_rad))
+    went_rad, needed_rad = abs(pulse.reach_rad[furthest]), pulsed.visible_rad[furthest]
+    needed = (
+        f"{needed_rad * 1e3:.2g} mrad are needed (steps of {pulsed.resolution_rad[furthest] * 1e3:.2g} mrad)"
+    )
     stronger = "push harder (--effort-share), with more room where the encoder is coarse (--range)"
-    for j, joint in enumerate(seen.arm.joints):
-        own = pulsed.of(j)
-        if not own:
-            yield unchecked(unsound(pulsed, j, seen.arm.joints), expected, joint=joint)
-            continue
-        pulse = max(own, key=lambda pulse: float((np.abs(pulse.reach_rad) / pulsed.visible_rad).max()))
-        furthest = int(np.argmax(np.abs(pulse.reach_rad) / pulsed.visible_rad))
-        went_rad, needed_rad = abs(pulse.reach_rad[furthest]), pulsed.visible_rad[furthest]
-        by_urdf_rad = expected_reach_rad(pulse, pulsed.model)
-        at = f"at ±{abs(pulse.effort_nm):.3g} N·m"
-        step_rad = pulsed.resolution_rad[furthest]
-        needed = f"; {needed_rad * 1e3:.2g} mrad are needed (steps of {step_rad * 1e3:.2g} mrad)"
-        if j in pulsed.moved:
-            yield judged(True, f"moves {at}", expected, "", joint=joint)
-        elif went_rad >= pulsed.noticed_rad[furthest]:
-            little = f"{seen.arm.joints[furthest]} moves by {went_rad * 1e3:.2g} mrad {at}{needed}"
-            yield unchecked(little, expected, stronger, joint)
-        elif by_urdf_rad is not None and abs(by_urdf_rad) < needed_rad:
-            little = f"it would move by {abs(by_urdf_rad) * 1e3:.2g} mrad {at} by the URDF{needed}"
-            yield unchecked(little, expected, stronger, joint)
-        else:
-            yield judged(False, f"nothing moves {at}", expected, _mend_channel(pulsed, j), joint=joint)
-
-
-def _mend_channel(pulsed: Pulsed, joint: int) -> str:
-    if all(pulse.stood_still for pulse in pulsed.pulses):
-        return "nothing at all has changed in the joint states: is the drive on, or are the readings frozen?"
-    gain = abs(pulsed.effort_gain(joint))
-    if gain > 0.5:
-        return (
+    if went_rad >= pulsed.noticed_rad[furthest]:
+        little = f"{seen.arm.joints[furthest]} moves by {went_rad * 1e3:.2g} mrad {at}"
+        return unchecked(f"{little}; {needed}", expected, stronger)
+    by_urdf_rad = expected_reach_rad(pulse, pulsed.model)
+    if by_urdf_rad is not None and abs(by_urdf_rad) < needed_rad:
+        little = f"it would move by {abs(by_urdf_rad) * 1e3:.2g} mrad {at} by the URDF"
+        return unchecked(f"{little}; {needed}", expected, stronger)
+    gain = abs(pulsed.effort_gain(j))
+    mend = "is it on and the effort controller active? More friction than that: raise --effort-share"
+    if all(each.stood_still for each in pulsed.pulses):
+        mend = "nothing at all has changed in the joint states: is the drive on, or are the readings frozen?"
+    elif gain > 0.5:
+        mend = (
             "the drive reports the effort: a brake, a stop, more friction than that (raise --effort-share)?"
         )
-    reports = "the drive reports no such effort: " if gain <= 0.5 else ""
-    return (
-        f"{reports}is it on and the effort controller active? More friction than that: raise --effort-share"
-    )
+    elif gain <= 0.5:
+        mend = f"the drive reports no such effort: {mend}"
+    return judged(False, f"nothing moves {at}", expected, mend)
 
 
-def wiring(seen: Evidence) -> Iterator[Finding]:
+def wiring(seen: Evidence, j: int) -> Finding:
     """Each effort reaches its own joint."""
-    joints, target, own = seen.arm.joints, reached_joints(seen.pulsed), "its command moves this joint"
-    for j, joint in enumerate(joints):
-        if target[j] < 0:
-            yield unchecked(unsound(seen.pulsed, j, joints), own, joint=joint)
-            continue
-        reached = joints[target[j]]
-        mend = (
-            f"{joint} and {reached} are swapped: compare the joints of the effort controller and the names "
-            "in the joint states with arm.joints, and the cables of the drives"
-        )
-        found = own if joint == reached else f"its command moves {reached}"
-        yield judged(joint == reached, found, own, mend, joint=joint)
+    joint, target, own = (
+        seen.arm.joints[j],
+        int(reached_joints(seen.pulsed)[j]),
+        "its command moves this joint",
+    )
+    if target < 0:
+        return unchecked(unsound(seen.pulsed, j, seen.arm.joints), own)
+    reached = seen.arm.joints[target]
+    mend = (
+        f"{joint} and {reached} are swapped: compare the joints of the effort controller and the names in "
+        "the joint states with arm.joints, and the cables of the drives"
+    )
+    return judged(target == j, own if target == j else f"its command moves {reached}", own, mend)
 
 
-def sign(seen: Evidence) -> Iterator[Finding]:
+def sign(seen: Evidence, j: int) -> Finding:
     """Each joint moves with its effort, not against it."""
-    pulsed, expected = seen.pulsed, "moves with the effort"
-    response, target = response_matrix(pulsed), reached_joints(pulsed)
+    target, expected = int(reached_joints(seen.pulsed)[j]), "moves with the effort"
+    if target < 0 or _drifts(seen.pulsed, j, target):
+        return unchecked(unsound(seen.pulsed, j, seen.arm.joints), expected)
+    good = bool(response_matrix(seen.pulsed)[target, j] > 0.0)
     mend = (
         "flip the sign of the effort, or of position and velocity, in the driver (if not all joints were "
         "pulsed, it may also be swapped with another)"
     )
-    for j, joint in enumerate(seen.arm.joints):
-        if target[j] < 0 or _drifts(pulsed, j, int(target[j])):
-            yield unchecked(unsound(pulsed, j, seen.arm.joints), expected, joint=joint)
-            continue
-        good = bool(response[target[j], j] > 0.0)
-        yield judged(good, expected if good else "moves against the effort", expected, mend, joint=joint)
+    return judged(good, expected if good else "moves against the effort", expected, mend)
 
 
-def both_ways(seen: Evidence) -> Iterator[Finding]:
+def both_ways(seen: Evidence, j: int) -> Finding | None:
     """Each joint moves both ways; no finding for those that do.
 
     Cogging and dry friction make one way shorter than the other, so one of them has to be hardly visible.
     """
-    pulsed, target = seen.pulsed, reached_joints(seen.pulsed)
-    for j, joint in enumerate(seen.arm.joints):
-        ways_rad = sorted((p.reach_rad[j] * np.sign(p.effort_nm) for p in pulsed.of(j)), key=abs)
-        limit_rad = min(pulsed.visible_rad[j], ONE_WAY_SHARE * abs(ways_rad[-1])) if ways_rad else 0.0
-        one_way = target[j] == j and abs(ways_rad[0]) < limit_rad
-        if one_way or _drifts(pulsed, j, j):
-            mend = "it leans on a support or stop, or gravity is stronger: lay the arm where it is free"
-            less, more = (f"{1e3 * way_rad + 0.0:.2g} mrad" for way_rad in ways_rad)
-            ways = f"moves {more} with the push one way and {less} the other"
-            yield judged(False, ways, "moves both ways", mend, joint=joint, otherwise=Verdict.WARNING)
+    pulsed = seen.pulsed
+    ways_rad = sorted((p.reach_rad[j] * np.sign(p.effort_nm) for p in pulsed.of(j)), key=abs)
+    limit_rad = min(pulsed.visible_rad[j], ONE_WAY_SHARE * abs(ways_rad[-1])) if ways_rad else 0.0
+    one_way = reached_joints(pulsed)[j] == j and abs(ways_rad[0]) < limit_rad
+    if not one_way and not _drifts(pulsed, j, j):
+        return None
+    less, more = (f"{1e3 * way_rad + 0.0:.2g} mrad" for way_rad in ways_rad)
+    mend = "it leans on a support or stop, or gravity is stronger: lay the arm where it is free"
+    found = f"moves {more} with the push one way and {less} the other"
+    return judged(False, found, "moves both ways", mend, Verdict.WARNING)
 
 
 def unsound(pulsed: Pulsed, j: int, joints: Sequence[str]) -> str:
@@ -193,33 +185,24 @@ def assignment(response: FloatArray) -> IntArray:
     return np.asarray(linear_sum_assignment(size.T, maximize=True)[1])
 
 
-def effort_scale(seen: Evidence) -> Iterator[Finding]:
-    """Joints that are wired rightly go about as far as rigid links with the inertia of the URDF would."""
+def effort_scale(seen: Evidence, j: int) -> Finding:
+    """A joint that is wired rightly goes about as far as rigid links with the inertia of the URDF would."""
     pulsed, expected = seen.pulsed, f"{1 / SCALE_TOLERANCE:.2g} to {SCALE_TOLERANCE:g}"
     if pulsed.model.inertia_kgm2 is None:
-        yield unchecked(pulsed.model.missing, "as far as by the inertia in the URDF")
-        return
-    target = reached_joints(pulsed)
-    for j, joint in enumerate(seen.arm.joints):
-        pairs = [(p.reach_rad[j], expected_reach_rad(p, pulsed.model)) for p in pulsed.of(j)]
-        if target[j] != j:
-            yield unchecked(unsound(pulsed, j, seen.arm.joints), expected, joint=joint)
-            continue
-        ratio = float(np.median([abs(went_rad / goes_rad) for went_rad, goes_rad in pairs if goes_rad]))
-        high = ratio > SCALE_TOLERANCE
-        mend = "friction that is not in the URDF, a brake, or efforts that are not N·m at the joint"
-        if high:
-            mend = "efforts have to be N·m at the joint (gear ratio, current, percent?), positions rad"
-            if 0.5 * DEGREES < ratio < 2.0 * DEGREES:
-                mend = "the positions are probably degrees instead of radians: convert them in the driver"
-        yield judged(
-            1.0 / SCALE_TOLERANCE <= ratio <= SCALE_TOLERANCE,
-            f"moves {ratio:.3g} times as far as by the URDF",
-            expected,
-            mend,
-            joint=joint,
-            otherwise=Verdict.WRONG if high else Verdict.WARNING,
-        )
+        return unchecked(pulsed.model.missing, expected)
+    if reached_joints(pulsed)[j] != j:
+        return unchecked(unsound(pulsed, j, seen.arm.joints), expected)
+    pairs = [(p.reach_rad[j], expected_reach_rad(p, pulsed.model)) for p in pulsed.of(j)]
+    ratio = float(np.median([abs(went_rad / goes_rad) for went_rad, goes_rad in pairs if goes_rad]))
+    mend = "friction that is not in the URDF, a brake, or efforts that are not N·m at the joint"
+    if 0.5 * DEGREES < ratio < 2.0 * DEGREES:
+        mend = "the positions are probably degrees instead of radians: convert them in the driver"
+    elif ratio > SCALE_TOLERANCE:
+        mend = "efforts have to be N·m at the joint (gear ratio, current, percent?), positions rad"
+    good, otherwise = 1.0 / SCALE_TOLERANCE <= ratio <= SCALE_TOLERANCE, Verdict.WARNING
+    if ratio > SCALE_TOLERANCE:
+        otherwise = Verdict.WRONG
+    return judged(good, f"moves {ratio:.3g} times as far as by the URDF", expected, mend, otherwise)
 
 
 def expected_reach_rad(pulse: Pulse, model: UrdfModel) -> float | None:
@@ -228,17 +211,16 @@ def expected_reach_rad(pulse: Pulse, model: UrdfModel) -> float | None:
     if inertia is None:
         return None
     times_s = np.array([pulse.turn_s, pulse.zero_s, pulse.end_s])
-    turn_s, zero_s, duration_s = (pulse.arm_time_factor() * (times_s - pulse.start_s)).tolist()
+    turn_s, zero_s, duration_s = pulse.arm_time_factor() * (times_s - pulse.start_s)
     n_steps = max(1, math.ceil(duration_s / _STEP_S))
     dt = duration_s / n_steps
+    now_s = (np.arange(n_steps) + 0.5) * dt
+    effort_nm = pulse.effort_nm * np.select([now_s < turn_s, now_s < zero_s], [1.0, -1.0], 0.0)
     # Implicit Euler is stable for light joints with strong friction.
     solve = np.linalg.inv(inertia + dt * np.diag(model.friction_nms_per_rad))
-    velocity, effort, position, furthest = np.zeros(len(inertia)), np.zeros(len(inertia)), 0.0, 0.0
-    for k in range(n_steps):
-        now_s = (k + 0.5) * dt
-        effort[pulse.joint] = pulse.effort_nm * (1.0 if now_s < turn_s else -1.0 if now_s < zero_s else 0.0)
-        before = velocity[pulse.joint]
-        velocity = solve @ (inertia @ velocity + dt * effort)
-        position += float(0.5 * dt * (before + velocity[pulse.joint]))
-        furthest = max(furthest, position, key=abs)
-    return furthest
+    speeds = [np.zeros(len(inertia))]
+    for effort in effort_nm:
+        speeds.append(solve @ (inertia @ speeds[-1]) + dt * effort * solve[:, pulse.joint])
+    speed = np.array(speeds)[:, pulse.joint]
+    position = np.cumsum(0.5 * dt * (speed[1:] + speed[:-1]))
+    return float(position[np.argmax(np.abs(position))])

@@ -8,7 +8,6 @@ import numpy as np
 
 from tel_ros.core.check.evidence import Pulse, Pulsed, Silence, StateRecord, UrdfModel
 from tel_ros.core.check.pulses import (
-    FROZEN_MEND,
     HALF_PULSE_S,
     LONGEST_HALF_PULSE_S,
     SILENCE_S,
@@ -116,12 +115,8 @@ class PulseSession:
         """Repeat a pulse that has moved something, to tell a joint that cannot move from frozen readings."""
         again = yield from self._push(lively.joint, lively.effort_nm, lively.turn_s - lively.start_s)
         if again.stood_still:
-            self._guard.stop(
-                "the joint states are frozen: their stamps go on, nothing else changes, although "
-                f"{self._guard.joints[lively.joint]} was pushed with {abs(lively.effort_nm):.3g} N·m, which "
-                "moved it before",
-                FROZEN_MEND,
-            )
+            push = f"{self._guard.joints[lively.joint]} was pushed with {abs(lively.effort_nm):.3g} N·m"
+            self._guard.stop_frozen(f"{push}, which moved something before, and nothing now")
 
     def _may_be_longer(self, pair: Sequence[Pulse], half_s: float) -> bool:
         """Return whether something has moved a little, or by the URDF cannot go too far."""

@@ -107,26 +107,6 @@ class RigidBodyRegressor:
         return self(pushed) - self(at_rest)
 
 
-def inertia_matrix(urdf: str, joints: Sequence[str], position_rad: FloatArray) -> FloatArray | None:
-    """Return the inertia matrix that a URDF gives an arm at a posture [kg·m²]. Shape (n_joints, n_joints).
-
-    Other joints than ``joints`` are taken as held. None if Pinocchio is not installed, or the matrix
-    is not positive definite (a URDF without masses).
-    """
-    try:
-        import pinocchio
-    except ImportError:
-        return None
-    model = _model(pinocchio, urdf, joints)
-    q = np.zeros(model.nq)
-    of = [model.joints[model.getJointId(name)] for name in joints]
-    q[[joint.idx_q for joint in of]] = position_rad
-    upper = np.triu(pinocchio.crba(model, model.createData(), q))
-    order = [joint.idx_v for joint in of]
-    inertia = np.asarray((upper + np.triu(upper, 1).T)[np.ix_(order, order)], dtype=np.float64)
-    return inertia if np.all(np.linalg.eigvalsh(inertia) > 0.0) else None
-
-
 def _model(pinocchio: Any, urdf: str, joints: Sequence[str]) -> Any:
     """Return a model in which all other joints are fixed, and those have one coordinate each."""
     endless = (-ENDLESS_RAD,) * len(joints), (ENDLESS_RAD,) * len(joints)

@@ -11,7 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "contract"))
 
-from faulty_arm import ENCODER_RAD, FaultyArm, Reading  # noqa: E402
+from faulty_arm import FaultyArm, Reading  # noqa: E402
 from two_link import TwoLinkArm, arm_config  # noqa: E402
 
 from tel_ros.core.check.evidence import Heard, StateRecord, UrdfModel  # noqa: E402
@@ -53,7 +53,6 @@ class RoughArm(FaultyArm):
 
     Args:
         fault: as of :class:`FaultyArm`.
-        encoder_rad: its resolution.
         differences: velocities are differences of positions.
         noise_rad: of the positions, standard deviation.
         coulomb_nm: see :class:`RoughLinks`.
@@ -66,7 +65,6 @@ class RoughArm(FaultyArm):
         self,
         fault: str = "",
         *,
-        encoder_rad: float = ENCODER_RAD,
         differences: bool = False,
         noise_rad: float = 0.0,
         coulomb_nm: float = 0.0,
@@ -74,7 +72,7 @@ class RoughArm(FaultyArm):
         seed: int = 0,
         **more: object,
     ) -> None:
-        self._encoder_rad, self._differences, self._noise_rad = encoder_rad, differences, noise_rad
+        self._differences, self._noise_rad = differences, noise_rad
         self._random = np.random.default_rng(seed)
         self._before: np.ndarray | None = None
         super().__init__(fault, **more)
@@ -83,9 +81,7 @@ class RoughArm(FaultyArm):
 
     def _reading(self, effort: np.ndarray) -> Reading:
         true_rad = self.arm.q
-        read_rad = np.array(true_rad) + self._noise_rad * self._random.normal(size=2)
-        # Of at most 16 bits: the finer steps of the arm without such faults change nothing.
-        self.arm.q = tuple(np.round(read_rad / self._encoder_rad) * self._encoder_rad)
+        self.arm.q = tuple(np.array(true_rad) + self._noise_rad * self._random.normal(size=2))
         reading = super()._reading(effort)
         self.arm.q = true_rad
         if self._differences:

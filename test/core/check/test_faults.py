@@ -11,7 +11,7 @@ import pytest
 from synthetic_check import RoughArm, SyntheticCheck
 from two_link import TwoLinkArm, arm_config
 
-from tel_ros.core.check.checks import LISTENING, MOVING, Needs, judge, worst
+from tel_ros.core.check.checks import LISTENING, MOVING, judge, worst
 from tel_ros.core.check.evidence import Evidence, Finding, UrdfModel, Verdict
 from tel_ros.core.check.pulses import PulseBounds
 
@@ -32,9 +32,9 @@ def check(
     model = UrdfModel(inertia(posture), np.array([0.05, 0.05]))
     made = SyntheticCheck(RoughArm(fault, posture_rad=posture, **rough), bounds or PulseBounds(), model=model)
     listened = Evidence(arm_config(), RATE_HZ, made.listen())
-    findings = judge(listened, set(LISTENING) - {Needs.GRAPH})
+    findings = judge(listened, [check for check in LISTENING if check.needs != "graph"])
     shown = made.pulse().shown()
-    findings += judge(replace(listened, moving=made.states(), pulses=shown), MOVING)
+    findings += judge(replace(listened, moving=made.states(), pulsed=shown), MOVING)
     return made, findings
 
 
@@ -206,7 +206,7 @@ def test_a_delay_that_the_effort_field_hides_is_found_in_the_motion() -> None:
         for p in shown.pulses
     ]
     assert not np.array_equal(echoes[0].states.effort_nm, honest)
-    evidence = replace(listened, moving=made.states(), pulses=replace(shown, pulses=echoes))
+    evidence = replace(listened, moving=made.states(), pulsed=replace(shown, pulses=echoes))
     delay = of(judge(evidence, MOVING), "round-trip delay")
     assert delay.verdict is Verdict.WRONG
     assert "by the motion" in delay.measured
@@ -251,6 +251,6 @@ def test_noise_of_the_positions_is_no_motion() -> None:
 def test_the_reason_why_no_inertia_is_known_is_passed_on() -> None:
     made = SyntheticCheck(RoughArm(), model=UrdfModel(None, np.zeros(2), "the URDF gives no mass"))
     evidence = Evidence(
-        arm_config(), RATE_HZ, made.listen(), moving=made.states(), pulses=made.pulse().shown()
+        arm_config(), RATE_HZ, made.listen(), moving=made.states(), pulsed=made.pulse().shown()
     )
-    assert of(judge(evidence, MOVING), "effort scale").measured == "because the URDF gives no mass"
+    assert of(judge(evidence, MOVING), "effort scale", "elbow").measured == "because the URDF gives no mass"
