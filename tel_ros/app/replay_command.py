@@ -102,7 +102,10 @@ def replay(
         click.echo(f"tel: messages were up to {1e3 * player.most_late_s:.0f} ms late", err=True)
     expected = 1 if start_offset_s else there
     if player.published < expected:
-        end(f"{bag}: yields {player.published} messages; expected at least {expected}", EXIT_NOT_COMPLETED)
+        end(
+            f"{bag}: yields {counted(player.published, 'message')}; expected {expected} or more",
+            EXIT_NOT_COMPLETED,
+        )
 
 
 def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:

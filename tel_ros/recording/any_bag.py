@@ -7,7 +7,6 @@ parsed when a message of its type is.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from heapq import merge
@@ -51,34 +50,35 @@ class AnyBag:
         self._storages: list[Any] = []
         for number, file in enumerate(files):
             with reading(file):
-                storage = opened_file(file, folder / str(number)) if self.is2 else Reader1(file)
+                self._storages.append(opened_file(file, folder / str(number)) if self.is2 else Reader1(file))
                 if not self.is2:
-                    storage.open()
-            stack.callback(storage.close)
-            self._storages.append(storage)
-        found: dict[tuple[str, str], Connection] = {}
-        for connection in (c for storage in self._storages for c in storage.connections):
-            key = connection.topic, connection.msgtype
-            known = found.setdefault(key, connection._replace(id=len(found) + 1, msgcount=0))
-            has_definition = known if known.msgdef.data else connection
-            count = known.msgcount + connection.msgcount
-            found[key] = known._replace(msgcount=count, msgdef=has_definition.msgdef)
-        self.announced = Counter({c.topic: 0 for c in found.values()})
-        for topic, kind, count in announced_topics(bag):
-            self.announced[topic] += count
-            if topic not in {name for name, _ in found}:
+                    self._storages[-1].open()
+            stack.callback(self._storages[-1].close)
+        self._found = dict[tuple[str, str], Connection]()
+        for each in (c for storage in self._storages for c in storage.connections):
+            first = self._found.get((each.topic, each.msgtype), each._replace(msgcount=0))
+            defined = first if first.msgdef.data else each
+            count = first.msgcount + each.msgcount
+            self._found[each.topic, each.msgtype] = first._replace(msgdef=defined.msgdef, msgcount=count)
+        announced = list(announced_topics(bag))
+        for topic, kind, _ in announced:
+            if topic not in {c.topic for c in self._found.values()}:
                 nothing = MessageDefinition(MessageDefinitionFormat.NONE, "")
                 ext = ConnectionExtRosbag2("cdr", [])
-                found[topic, kind] = Connection(len(found) + 1, topic, kind, nothing, "", 0, ext, self)
-        self.connections = list(found.values())
-        for topic, count in Counter({c.topic: c.msgcount for c in self.connections}).items():
-            self.announced[topic] = self.announced[topic] or count
-        self._found, self._stores = found, dict[str, Typestore | None]()
-        with_messages = [s if not self.is2 else s.metadata for s in self._storages]
-        with_messages = [each for each in with_messages if each.message_count]
-        self.start_time = min((each.start_time for each in with_messages), default=2**63 - 1)
+                self._found[topic, kind] = Connection(0, topic, kind, nothing, "", 0, ext, self)
+        self._found = {key: c._replace(id=k) for k, (key, c) in enumerate(self._found.items(), start=1)}
+        self.connections = list(self._found.values())
+        self.announced = dict[str, int]()
+        for each in self.connections:
+            told = sum(n for topic, _, n in announced if topic == each.topic)
+            there = sum(c.msgcount for c in self.connections if c.topic == each.topic)
+            self.announced[each.topic] = told or there
+        self._stores = dict[str, Typestore | None]()
+        extents = [storage.metadata if self.is2 else storage for storage in self._storages]
+        extents = [each for each in extents if each.message_count]
+        self.start_time = min((each.start_time for each in extents), default=2**63 - 1)
         """Time [ns] of the earliest message."""
-        self.end_time = max((each.end_time for each in with_messages), default=0)
+        self.end_time = max((each.end_time for each in extents), default=0)
         """The nanosecond after the latest message."""
 
     def messages(

@@ -186,6 +186,29 @@ def test_torque_that_does_not_belong_to_the_motion_is_warned_about(tmp_path: Pat
     assert "predicted badly" in done.stderr
 
 
+def renamed(file: Path) -> Path:
+    file.write_text(file.read_text().replace("_shoulder", "_left_shoulder").replace("_elbow", "_left_elbow"))
+    return file
+
+
+def test_joints_are_renamed_in_recordings_and_in_movements(rigid: tuple[Path, dict], tmp_path: Path) -> None:
+    file = movement(tmp_path / "movement.csv", 0.9)
+    renamed(file)
+    done = run_predict(rigid[0], file)
+    assert done.exit_code == 2
+    assert "has no column q_shoulder, q_elbow" in done.stderr
+    assert "(--rename left_=?)" in done.stderr
+    assert run_predict(rigid[0], file, "--rename", "left_=").exit_code == 0
+    recording = write(tmp_path / "recording.csv", made_up(30.0, 50.0).recording)
+    recording.write_text(
+        recording.read_text().replace("_shoulder", "_left_shoulder").replace("_elbow", "_left_elbow")
+    )
+    options = (recording, "--urdf", PLANAR_ARM, "--out", tmp_path / "net.npz")
+    assert "(--rename left_=?)" in run_import(*options).stderr
+    done = run_import(*options, "--rename", "left_=", "--json")
+    assert [joint["joint"] for joint in json.loads(done.stdout)["joints"]] == list(JOINTS)
+
+
 @pytest.mark.parametrize("arguments", [["--import", "--set", "seed=2"], ["--import", "--force"]])
 def test_settings_of_a_run_do_not_go_with_an_import(tmp_path: Path, arguments: list[str]) -> None:
     result = CliRunner().invoke(train, [*arguments, str(tmp_path), "--out", str(tmp_path / "net.npz")])

@@ -166,29 +166,25 @@ def read_csv_recording(
         raise InputFileError(file, found, _RECORDING)
     for joint in joints:  # the effort first: that is what recordings lack
         table.columns(TORQUE, [joint])
-    learned = [joint for joint in table.named(POSITION) if joint in (joints or told)]
-    names, position, effort = list[str](), list[FloatArray](), list[FloatArray]()
-    for joint in (*joints, *(j for j in table.named(POSITION) if j not in joints)):
+    learned = joints or [joint for joint in table.named(POSITION) if joint in told]
+    position, effort = dict[str, FloatArray](), dict[str, FloatArray]()
+    for joint in (*table.named(POSITION), *learned):
         try:
-            position.append(table.columns(POSITION, [joint])[:, 0])
+            position[joint] = table.columns(POSITION, [joint])
         except InputFileError:
-            if joint in joints or joint in learned:
+            if joint in learned:
                 raise
             continue  # nobody has asked for it
-        names.append(joint)
-        if joint in joints or joint in learned:
-            effort.append(table.columns(TORQUE, [joint])[:, 0])
-        else:
-            effort.append(np.full(len(table.rows), np.nan))
-    order = [names.index(joint) for joint in dict.fromkeys(table.named(POSITION)) if joint in names]
+        unknown = np.full_like(position[joint], np.nan)
+        effort[joint] = table.columns(TORQUE, [joint]) if joint in learned else unknown
     time_s = table.columns("", [TIME])[:, 0]
     back = np.flatnonzero(np.diff(time_s) < 0.0)
     if len(back):
         k = int(back[0]) + 1
         found = f"line {table.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
         raise InputFileError(file, found, "rows in the order of time")
-    columns = [np.column_stack(values)[:, order] for values in (position, effort)]
-    return JointRecording(str(file), tuple(names[k] for k in order), time_s - time_s[0], *columns)
+    columns = [np.hstack(list(values.values())) for values in (position, effort)]
+    return JointRecording(str(file), tuple(position), time_s - time_s[0], *columns)
 
 
 def read_movement(
