@@ -148,6 +148,8 @@ def age(seen: Evidence) -> Finding:
     mend = "look for a stale publisher, buffers and a slow network"
     if age_s < -CLOCK_TOLERANCE_S or age_s > 1.0:
         mend = "synchronise the clocks of both machines (chrony, PTP), or look for a stale publisher"
+    if not seen.states.stamp_ns.any():
+        mend = "the driver has to set the stamps, which are all 0, to the time of each measurement"
     measured = f"{age_s * 1e3:.1f} ms, at most {seen.states.age_s.max() * 1e3:.1f} ms"
     return judged(-CLOCK_TOLERANCE_S <= age_s <= AGE_LIMIT_S, measured, expected, mend)
 

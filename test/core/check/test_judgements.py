@@ -77,6 +77,14 @@ def test_stamps_that_go_back_are_found() -> None:
     assert finding.measured == "1 of 199 steps go back, 0 repeat a stamp"
 
 
+def test_stamps_of_zero_are_not_taken_for_clocks_that_differ() -> None:
+    unset = record(age_s=1.7e9, stamp_ns=np.zeros(200, dtype=np.int64))
+    (finding,) = found("age of states", states=unset)
+    assert "has to set the stamps, which are all 0" in finding.mend
+    (finding,) = found("age of states", states=record(age_s=1e3))
+    assert "synchronise the clocks" in finding.mend
+
+
 @pytest.mark.parametrize(("age_s", "good"), [(0.001, True), (0.019, True), (0.03, False), (-0.02, False)])
 def test_old_states_and_states_of_the_future_are_found(age_s: float, good: bool) -> None:
     (finding,) = found("age of states", states=record(age_s=age_s))
