@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from small_bags import TEXT, text, write_bag
 
 pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
+
+from small_bags import TEXT, text, write_bag  # noqa: E402
 
 from tel_ros.app.cli import main  # noqa: E402
 
