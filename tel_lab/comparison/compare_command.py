@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from tel_lab.study import ending_in_one_line
-from tel_ros.app.config_argument import config_argument
+from tel_ros.app.config_argument import config_argument, overrides_option
 from tel_ros.app.tables import show
 
 
@@ -27,7 +27,7 @@ from tel_ros.app.tables import show
     help="Folder for comparison.csv, .json, .md, .svg and .png; files of these names in it are replaced.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print comparison.json, and nothing else, on stdout.")
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key.")
+@overrides_option("Another value for a key.")
 def compare(
     config_file: Path,
     methods: str,

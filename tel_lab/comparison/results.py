@@ -25,22 +25,19 @@ class TrialResult:
 class MethodRun:
     """Practice with one method on one arm, and what it could do afterwards.
 
-    Args:
-        seed: of the arm, its noise and the new path.
-        tolerance_rad: RMS error at the goal duration that counts as having learned the movement.
-        final: one more trial of the movement with what was learned.
-        new_path: a trial of a movement that was never practised; None if the method has no command for it.
-        cpu_s: processor time that simulation and learning took.
-        message: how practice ended, if there is something to say.
+    The seed is that of the arm, its noise and the new path; the message says how practice ended.
     """
 
     method: str
     seed: int
     goal_duration_s: float
     tolerance_rad: float
+    """RMS error at the goal duration that counts as having learned the movement."""
     trials: tuple[TrialResult, ...]
     final: TrialResult
+    """One more trial of the movement with what was learned."""
     new_path: TrialResult | None
+    """A movement that was never practised; None if the method has no command for it."""
     cpu_s: float
     message: str = ""
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 
 from tel_lab.study import ending_in_one_line
 from tel_lab.sweep.plan import SweepPlan, make_plan
 from tel_lab.tables import write_figure
 from tel_lab.workers import Executor, WorkersBrokenError, Workforce
-from tel_ros.app.config_argument import config_argument
+from tel_ros.app.config_argument import config_argument, overrides_option
 from tel_ros.app.errors import EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, EXIT_NOT_COMPLETED, end
 
 if TYPE_CHECKING:
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 @click.option(
     "--plan", "plan_file", type=click.Path(path_type=Path), help="YAML with set, cases, grid, seeds, map."
 )
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for all points.")
+@overrides_option("Another value for all points.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder of the results; one of the same sweep is gone on with. Default: bags/sweep-NAME-HASH.",
+    help="Folder of the results: a new one, or that of the same sweep. Default: bags/sweep-NAME-HASH.",
 )
 @click.option("--jobs", type=int, help="Points at once on this machine. Default: one a core.")
 @click.option(
@@ -111,19 +111,12 @@ def _sweep(config_file: Path, plan: SweepPlan, out: Path | None, workforce: Work
 
 def _run(work: Sweep, workforce: Workforce) -> None:
     console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    task = bar.add_task(f"points on {workforce}")
+    bar = Progress(console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task("")
 
     def show(done: int, total: int) -> None:
-        bar.update(task, completed=done, total=total)
+        text = f"{done}/{total} points on {workforce}"
+        bar.update(task, description=text, completed=done, total=total)
         if not console.is_terminal:
             console.print(f"{done}/{total} points", highlight=False)
 
