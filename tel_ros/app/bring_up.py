@@ -135,8 +135,13 @@ class NodeProcesses:
         Interruption.held = True
         try:
             self.brake()
-            names = reversed(self._processes)
-            killed = [name for name in names if not end_process(self._processes[name], signal.SIGINT)]
+            killed = []
+            for name in reversed(self._processes):
+                if not end_process(self._processes[name], signal.SIGINT):
+                    killed.append(name)
+                if name == "ep_controller":  # what is not the arm need not wait for each other
+                    for other in self._processes.keys() - {"sim_bridge"}:
+                        self._processes[other].send_signal(signal.SIGINT)
         finally:
             Interruption.held = False
         if self._woken:

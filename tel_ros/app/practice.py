@@ -94,7 +94,6 @@ def practise(
         GraphError: a graph is running already, a node died or did not come up; the graph is down.
         Interrupted: by a signal, after the graph was taken down; says what was seen of the arm.
     """
-    check_before_moving(config)
     with _client_node(config, namespace) as node:
         create_run_folder(folder, config)
         with run_lock(folder):
@@ -116,7 +115,6 @@ def resume(
         As for :func:`practise`; and InputFileError also if the run is finished.
     """
     config = resumed_config(folder)
-    check_before_moving(config)
     # The nodes of the run may still be on their way to bring the arm to rest.
     with run_lock(folder), _client_node(config, namespace) as node:
         on_prepared(prepare_to_resume(folder, config))
@@ -125,7 +123,7 @@ def resume(
 
 @contextmanager
 def _client_node(config: Config, namespace: str) -> Iterator[Node]:
-    """Make the node that asks for the run, where no graph is running, and an executor for it."""
+    """Make the node that asks for a run that can be done, where no graph is running, and its executor."""
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -134,17 +132,21 @@ def _client_node(config: Config, namespace: str) -> Iterator[Node]:
         node = Node("tel", namespace=namespace)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        _refuse_second_graph(node, executor, config)
+        discovered_at = time.monotonic() + DISCOVERY_S
+        check_before_moving(config)  # while others are being discovered
+        _refuse_second_graph(node, executor, config, discovered_at)
         yield node
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
 
 
-def _refuse_second_graph(node: Node, executor: SingleThreadedExecutor, config: Config) -> None:
-    end = time.monotonic() + DISCOVERY_S
-    ours = set(node_names(config))
-    while time.monotonic() < end:
+def _refuse_second_graph(
+    node: Node, executor: SingleThreadedExecutor, config: Config, discovered_at: float
+) -> None:
+    ours, all_are_known = set(node_names(config)), False
+    while not all_are_known:
+        all_are_known = time.monotonic() >= discovered_at
         executor.spin_once(timeout_sec=0.1)
         here = {name for name, space in node.get_node_names_and_namespaces() if space == node.get_namespace()}
         running = sorted(ours & here)

@@ -308,6 +308,7 @@ class Graph:
             ControlState, topics.CONTROL_STATES, lambda message: newest.__setitem__(slice(None), [message]), 1
         )
         self.meet(topics.EP_CONTROLLER)
+        self.spin_until(lambda: listener.get_publisher_count() > 0, 20.0, topics.CONTROL_STATES)
         try:
             yield newest
         finally:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from graph_harness import Graph
+from graph_harness import COARSE, PAPER, Graph
+from ros_domain import held_domains
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialGoal, TrialResult
 
 from tel_ros.recording import topics
+from tel_ros.recording.config_file import load_config
 
 StartGraph = Callable[..., Graph]
 pytestmark = pytest.mark.timeout(100)
@@ -27,18 +29,47 @@ SOFT_WALLS = (
 """So soft that a limit can be passed: the walls there by default keep the arm away from it."""
 
 
+@pytest.fixture(scope="module")
+def arm_and_controller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    folder = tmp_path_factory.mktemp("shared") / "graph"
+    with held_domains() as domains, pytest.MonkeyPatch.context() as patch:
+        domain = next(domains)
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        with Graph(load_config(PAPER, COARSE), folder, ARM_AND_CONTROLLER, domain) as running:
+            running.wait_for_controller()
+            yield running
+
+
+@pytest.fixture
+def shared(arm_and_controller: Graph) -> Iterator[Graph]:
+    """Return an arm and a controller, of which a test leaves nothing but an arm at rest."""
+    node = arm_and_controller.node
+    subscriptions, publishers = set(node.subscriptions), set(node.publishers)
+    yield arm_and_controller
+    for subscription in set(node.subscriptions) - subscriptions:
+        node.destroy_subscription(subscription)
+    for publisher in set(node.publishers) - publishers:
+        node.destroy_publisher(publisher)
+
+    def completed() -> bool:
+        goal = arm_and_controller.send(arm_and_controller.goal())
+        return bool(arm_and_controller.result(goal).outcome == TrialResult.COMPLETED)
+
+    arm_and_controller.spin_until(completed, 40.0, "a trial after the test")
+
+
 def of_trial(states: list[ControlState]) -> list[ControlState]:
     return [state for state in states if state.trial]
 
 
-def test_a_trial_runs_from_rest_to_rest_and_reports_what_the_control_states_show(graph: StartGraph) -> None:
-    running = graph(ARM_AND_CONTROLLER)
-    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    running.wait_for_controller()
+def test_a_trial_runs_from_rest_to_rest_and_reports_what_the_control_states_show(shared: Graph) -> None:
+    states = shared.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    shared.meet(topics.EP_CONTROLLER)
     feedback: list[Any] = []
-    result = running.result(running.send(running.goal(5.0), feedback))
+    result = shared.result(shared.send(shared.goal(5.0), feedback))
     assert result.outcome == TrialResult.COMPLETED, result.message
-    running.spin_until(lambda: len(of_trial(states)) == result.ticks, 10.0, "all control states")
+    shared.spin_until(lambda: len(of_trial(states)) == result.ticks, 10.0, "all control states")
     states = of_trial(states)
     run = [s for s in states if s.phase == ControlState.RUN]
     assert len(run) == 1001
@@ -85,34 +116,30 @@ REFUSALS = {
 }
 
 
-def test_malformed_goals_are_refused_with_the_reason_and_nothing_moves(graph: StartGraph) -> None:
-    running = graph(ARM_AND_CONTROLLER)
-    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
-    running.wait_for_controller()
+def test_malformed_goals_are_refused_with_the_reason_and_nothing_moves(shared: Graph) -> None:
+    commands = shared.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    shared.meet(topics.EP_CONTROLLER)
     for kind, reason in REFUSALS.items():
-        result = running.result(running.send(broken(kind, running.goal())))
+        result = shared.result(shared.send(broken(kind, shared.goal())))
         assert result.outcome == TrialResult.REFUSED, kind
         assert reason in result.message, kind
     assert commands == []
 
 
-def test_one_trial_at_a_time_and_cancelling_brings_the_arm_to_rest(graph: StartGraph) -> None:
-    running = graph(ARM_AND_CONTROLLER)
-    states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
-    running.wait_for_controller()
-    first = running.start_moving()
-    second = running.result(running.send(running.goal()))
+def test_one_trial_at_a_time_and_cancelling_brings_the_arm_to_rest(shared: Graph) -> None:
+    states = shared.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
+    shared.meet(topics.EP_CONTROLLER)
+    first = shared.start_moving()
+    second = shared.result(shared.send(shared.goal()))
     assert second.outcome == TrialResult.REFUSED
     assert "one trial at a time" in second.message
     first.cancel_goal_async()
-    result = running.result(first)
+    result = shared.result(first)
     assert result.outcome == TrialResult.CANCELLED
-    running.spin_until(lambda: len(of_trial(states)) == result.ticks, 10.0, "all control states")
+    shared.spin_until(lambda: len(of_trial(states)) == result.ticks, 10.0, "all control states")
     last = of_trial(states)[-1]
     assert last.phase == ControlState.STOP
     assert np.abs(last.velocity_rad_s).max() < 0.1
-    again = running.result(running.send(running.goal()))
-    assert again.outcome == TrialResult.COMPLETED, again.message
 
 
 @pytest.mark.parametrize(
@@ -238,33 +265,24 @@ def test_missing_velocities_are_estimated_and_that_is_said_once(
     assert running.log("ep_controller").count(complaint) == 1
 
 
-def test_a_trial_is_aborted_when_somebody_else_commands_the_arm(graph: StartGraph) -> None:
-    running = graph(ARM_AND_CONTROLLER)
-    running.wait_for_controller()
-    handle = running.send(running.goal(20.0))
-    running.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
-    result = running.result(handle)
+def test_a_trial_is_aborted_when_somebody_else_commands_the_arm(shared: Graph) -> None:
+    handle = shared.send(shared.goal(20.0))
+    shared.node.create_publisher(Float64MultiArray, topics.EFFORT_COMMANDS, 10)
+    result = shared.result(handle)
     assert result.outcome == TrialResult.ABORTED
     assert "test commands the arm on /effort_controller/commands, too" in result.message
-    refused = running.result(running.send(running.goal()))
+    refused = shared.result(shared.send(shared.goal()))
     assert refused.outcome == TrialResult.REFUSED
     assert "commands the arm" in refused.message
 
 
-def test_two_that_speak_for_the_arm_are_not_believed(graph: StartGraph) -> None:
-    running = graph(ARM_AND_CONTROLLER)
-    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
-    running.wait_for_controller()
-    handle = running.send(running.goal(20.0))
-    running.spin_until(lambda: len(commands) > 100, 20.0, "commands")
-    second = running.node.create_publisher(JointState, topics.JOINT_STATES, 10)
-    result = running.result(handle)
+def test_two_that_speak_for_the_arm_are_not_believed(shared: Graph) -> None:
+    commands = shared.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
+    shared.meet(topics.EP_CONTROLLER)
+    handle = shared.send(shared.goal(20.0))
+    shared.spin_until(lambda: len(commands) > 100, 20.0, "commands")
+    shared.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    result = shared.result(handle)
     assert result.outcome == TrialResult.ABORTED
     assert "sim_bridge and test publish /joint_states: who speaks for the arm?" in result.message
-    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
-    running.node.destroy_publisher(second)
-
-    def completed() -> bool:
-        return running.result(running.send(running.goal())).outcome == TrialResult.COMPLETED
-
-    running.spin_until(completed, 40.0, "a trial with one arm again")
+    shared.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")

@@ -74,13 +74,13 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever
 
 
-@pytest.mark.parametrize("name", ["sim_bridge", "ep_controller"])
-def test_what_is_asked_of_the_operating_system_is_asked_in_lockstep_too(graph: StartGraph, name: str) -> None:
-    running = graph([name], "control.lock_memory=true")
+def test_what_is_asked_of_the_operating_system_is_asked_in_lockstep_too(graph: StartGraph) -> None:
+    running = graph(["sim_bridge", "ep_controller"], "control.lock_memory=true")
 
-    def answered() -> bool:
+    def answered(name: str) -> bool:
         return any(
             words in running.log(name) for words in ("memory is locked", "control.lock_memory refused")
         )
 
-    running.spin_until(answered, 20.0, "what became of it")
+    for name in running.processes.pids:
+        running.spin_until(lambda name=name: answered(name), 20.0, "what became of it")

@@ -107,7 +107,9 @@ def test_the_network_learns_from_a_bag_and_survives_everything_that_is_wrong(
     assert loaded.success and predict(running).revision == saved.revision
 
 
-def test_a_recorder_that_dies_leaves_no_bag_under_the_trials_name(graph: StartGraph, tmp_path: Path) -> None:
+def test_a_recorder_overwrites_no_bag_and_leaves_none_under_the_trials_name_when_it_dies(
+    graph: StartGraph, tmp_path: Path
+) -> None:
     running = graph(["trial_recorder"])
     bag = tmp_path / "bags" / "trial_001"
     refused = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag)))
@@ -115,6 +117,12 @@ def test_a_recorder_that_dies_leaves_no_bag_under_the_trials_name(graph: StartGr
     assert "nothing is heard on /joint_states, /ep_controller/state" in refused.message
 
     states = keep_saying(running)
+    there = tmp_path / "trial_001"
+    there.mkdir()
+    (there / "precious").write_text("data")
+    refused = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(there)))
+    assert not refused.success and "bags are never overwritten" in refused.message
+    assert (there / "precious").read_text() == "data"
     started = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag)))
     assert started.success, started.message
     twice = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag) + "x"))
@@ -128,14 +136,3 @@ def test_a_recorder_that_dies_leaves_no_bag_under_the_trials_name(graph: StartGr
     wait_until(unfinished.is_dir, 5.0, "the unfinished bag")
     assert not bag.exists()
     assert not (unfinished / "metadata.yaml").exists()
-
-
-def test_a_bag_that_exists_is_never_overwritten(graph: StartGraph, tmp_path: Path) -> None:
-    running = graph(["trial_recorder"])
-    keep_saying(running)
-    bag = tmp_path / "trial_001"
-    bag.mkdir()
-    (bag / "precious").write_text("data")
-    refused = running.call(StartRecording, topics.START_RECORDING, StartRecording.Request(bag=str(bag)))
-    assert not refused.success and "bags are never overwritten" in refused.message
-    assert (bag / "precious").read_text() == "data"
