@@ -111,6 +111,12 @@ def grants(tree: ast.AST) -> set[str]:
     }
 
 
+def timers_on_ros_time(tree: ast.AST) -> set[str]:
+    """Return calls that make a timer on a node's own clock, which stands still if nobody publishes time."""
+    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and _function(n) == "create_timer"]
+    return {ast.unparse(n) for n in calls if not any(keyword.arg == "clock" for keyword in n.keywords)}
+
+
 def _function(call: ast.Call) -> str:
     return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
 
@@ -142,6 +148,10 @@ def test_only_the_command_line_names_the_simulated_arm() -> None:
         return {text for text in strings(tree) if "sim_bridge" in text}
 
     assert offences(named, CORE, RECORDING, NODES) == []
+
+
+def test_timers_run_on_the_steady_clock() -> None:
+    assert offences(timers_on_ros_time, *PACKAGES[:2]) == []
 
 
 def test_commands_leave_through_the_command_channel_alone() -> None:

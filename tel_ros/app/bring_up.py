@@ -148,9 +148,7 @@ class NodeProcesses:
             signal.set_wakeup_fd(-1)
             self._woken[1].close()
             self._woken = None
-        ended = (
-            f"{' and '.join(killed)} did not end and had to be killed" if killed else "all nodes have ended"
-        )
+        ended = f"{' and '.join(killed)} had to be killed" if killed else "all nodes have ended"
         return f"{self._seen_of_arm()}{ended}"
 
     def _hear_signals(self, woken: socket.socket) -> None:

@@ -84,7 +84,7 @@ class PracticeManagerNode(Node):
             self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
         self._emergency_stop = (
             f"emergency stop: as long as {topics.EP_CONTROLLER} runs on, nothing moves before "
-            f"ros2 service call {self.resolve_service_name(topics.SAFETY_RESET)} std_srvs/srv/Trigger"
+            f"tel reset (service {self.resolve_service_name(topics.SAFETY_RESET)})"
         )
         self._pause = Pause(self, group)
         self._server = ActionServer(

@@ -135,3 +135,4 @@ def run_node(
         # Frozen, what refers to the participant would keep it to the end, and others would not see it go.
         gc.unfreeze()
         gc.collect()
+        gc.freeze()  # the rest goes with the process, which then ends a second sooner
