@@ -7,6 +7,8 @@ subtrees, the root counted. Compiled when this module is imported first, and kep
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -16,7 +18,19 @@ from tel_ros.core.types import FloatArray, IntArray
 _TINY = 1e-9
 
 
-@njit("f8[:, ::1](f8[:, :], f8[:], f8[:])", cache=True)
+def _compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Compile a function; keep the code unless the installation and the home folder are both read-only."""
+
+    def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+        try:
+            return njit(signature, cache=True)(function)
+        except RuntimeError:
+            return njit(signature)(function)
+
+    return compiled
+
+
+@_compiled("f8[:, ::1](f8[:, :], f8[:], f8[:])")
 def scale(inputs: FloatArray, low: FloatArray, width: FloatArray) -> FloatArray:
     """Return inputs with ``low`` … ``low + width`` mapped to 0 … 1, clipped beyond. Shape (n, D)."""
     n, n_inputs = inputs.shape
@@ -28,7 +42,7 @@ def scale(inputs: FloatArray, low: FloatArray, width: FloatArray) -> FloatArray:
     return result
 
 
-@njit("void(f8[::1], f8, b1, f8[:, ::1])", cache=True)
+@_compiled("void(f8[::1], f8, b1, f8[:, ::1])")
 def _activate(x: FloatArray, sigma: float, normalised: bool, phi: FloatArray) -> None:
     """Fill ``phi`` (D, G) with the Gaussians of one input vector."""
     n_inputs, n_gaussians = phi.shape
@@ -44,7 +58,7 @@ def _activate(x: FloatArray, sigma: float, normalised: bool, phi: FloatArray) ->
                 phi[d, i] /= total
 
 
-@njit("void(f8[:, ::1], i8[:, ::1], f8[::1])", cache=True)
+@_compiled("void(f8[:, ::1], i8[:, ::1], f8[::1])")
 def _open_gates(phi: FloatArray, parents: IntArray, gates: FloatArray) -> None:
     """Fill ``gates`` (K,): how far each subtree is switched on."""
     gates[0] = 1.0
@@ -52,7 +66,7 @@ def _open_gates(phi: FloatArray, parents: IntArray, gates: FloatArray) -> None:
         gates[k + 1] = gates[parents[k, 0]] * phi[parents[k, 1], parents[k, 2]]
 
 
-@njit("f8[:, ::1](f8[:, ::1], i8[:, ::1], i8, f8, b1)", cache=True)
+@_compiled("f8[:, ::1](f8[:, ::1], i8[:, ::1], i8, f8, b1)")
 def features(
     inputs: FloatArray, parents: IntArray, n_gaussians: int, sigma: float, normalised: bool
 ) -> FloatArray:
@@ -73,7 +87,7 @@ def features(
     return psi
 
 
-@njit("f8(f8[:, :, ::1], f8[:, ::1], f8[::1])", cache=True)
+@_compiled("f8(f8[:, :, ::1], f8[:, ::1], f8[::1])")
 def _output(weights: FloatArray, phi: FloatArray, gates: FloatArray) -> float:
     """Return N(x) = Σ_k g_k Σ_d,i w_k,d,i φ_d,i."""
     n_subtrees, n_inputs, n_gaussians = weights.shape
@@ -87,7 +101,7 @@ def _output(weights: FloatArray, phi: FloatArray, gates: FloatArray) -> float:
     return output
 
 
-@njit("f8[::1](f8[:, ::1], i8[:, ::1], f8[:, :, ::1], f8, b1)", cache=True)
+@_compiled("f8[::1](f8[:, ::1], i8[:, ::1], f8[:, :, ::1], f8, b1)")
 def predict(
     inputs: FloatArray, parents: IntArray, weights: FloatArray, sigma: float, normalised: bool
 ) -> FloatArray:
@@ -103,7 +117,7 @@ def predict(
     return result
 
 
-@njit("f8[:, :, ::1](f8[:, ::1], f8[::1], i8[::1], i8[:, ::1], f8[:, :, ::1], f8, b1, f8)", cache=True)
+@_compiled("f8[:, :, ::1](f8[:, ::1], f8[::1], i8[::1], i8[:, ::1], f8[:, :, ::1], f8, b1, f8)")
 def lms_pass(
     inputs: FloatArray,
     target: FloatArray,
