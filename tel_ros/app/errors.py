@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import stat
 import sys
+import time
 import traceback
 from typing import NoReturn
 
@@ -17,6 +19,8 @@ EXIT_NOT_COMPLETED = 1
 EXIT_BAD_INPUT = 2
 EXIT_GRAPH_FAILED = 3
 EXIT_INTERRUPTED = 130
+_SAME_REQUEST_S = 2.0
+_EXIT_TIMEOUT_S = 5.0
 
 
 class GraphError(TelError):
@@ -32,21 +36,24 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Interruption:
-    """Has SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt once; whatever comes after that is ignored.
+    """Has SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; the same again within two seconds is ignored.
 
     Also where a script has started the command in the background, which makes it ignore SIGINT: an arm may
-    be moving. Only what ``nohup`` has made it ignore stays so.
+    be moving. Only what ``nohup`` has made it ignore stays so. When Python has ended, the process has 5 s
+    left, whatever the middleware does.
     """
 
     SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     asked = False
+    _again_at = 0.0
     held = False
     """Whether nothing may interrupt now: nodes are ending, and the arm with them."""
 
     @classmethod
     def watch(cls) -> None:
         """Begin."""
-        cls.asked = False
+        cls.asked, cls._again_at = False, 0.0
+        atexit.register(signal.setitimer, signal.ITIMER_REAL, _EXIT_TIMEOUT_S)
         for number in cls.SIGNALS:
             if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, cls._on_signal)
@@ -65,8 +72,8 @@ class Interruption:
             for each in range(3):
                 if stat.S_ISCHR(os.fstat(each).st_mode):
                     os.dup2(nowhere, each)
-        if not (cls.asked or cls.held):
-            cls.asked = True
+        if not cls.held and time.monotonic() > cls._again_at:
+            cls.asked, cls._again_at = True, time.monotonic() + _SAME_REQUEST_S
             raise KeyboardInterrupt
 
 
@@ -75,6 +82,9 @@ def end(message: str, code: int) -> NoReturn:
     if wants_traceback() and sys.exc_info()[0] is not None:
         traceback.print_exc()
     click.echo(f"tel: {message}", err=True)
+    if code == EXIT_INTERRUPTED:
+        for number in Interruption.SIGNALS:  # else one more would give another code while Python ends
+            signal.signal(number, signal.SIG_IGN)
     sys.exit(code)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -36,6 +37,7 @@ from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
+SHUTDOWN_TIMEOUT_S = 10.0
 RESUME_TIMEOUT_S = 120.0
 """Arm and controller of a resumed run take the processor for the trials of before while the others start."""
 SILENCE_TIMEOUT_S = 20.0
@@ -138,7 +140,10 @@ def _client_node(config: Config, namespace: str) -> Iterator[Node]:
         yield node
         node.destroy_node()
     finally:
+        # Fast DDS sometimes blocks here for ever: then the kernel ends the process.
+        signal.setitimer(signal.ITIMER_REAL, SHUTDOWN_TIMEOUT_S)
         rclpy.try_shutdown()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _refuse_second_graph(
