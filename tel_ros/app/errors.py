@@ -20,7 +20,7 @@ EXIT_BAD_INPUT = 2
 EXIT_GRAPH_FAILED = 3
 EXIT_INTERRUPTED = 130
 _SAME_REQUEST_S = 2.0
-_EXIT_TIMEOUT_S = 5.0
+_EXIT_TIMEOUT_S = 15.0
 
 
 class GraphError(TelError):
@@ -39,7 +39,7 @@ class Interruption:
     """Has SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; the same again within two seconds is ignored.
 
     Also where a script has started the command in the background, which makes it ignore SIGINT: an arm may
-    be moving. Only what ``nohup`` has made it ignore stays so. When Python has ended, the process has 5 s
+    be moving. Only what ``nohup`` has made it ignore stays so. When Python has ended, the process has 15 s
     left, whatever the middleware does.
     """
 
