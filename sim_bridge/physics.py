@@ -18,7 +18,7 @@ import numpy as np
 from tel_ros.core.arm_description import ArmDescription
 from tel_ros.core.config import ArmConfig, JointValues, SimConfig
 from tel_ros.core.errors import ConfigError, TelError
-from tel_ros.core.plain_urdf import PAYLOAD_LINK, check_dynamics, inertial, plain_urdf, remarks
+from tel_ros.core.plain_urdf import MOST_LINKS, PAYLOAD_LINK, check_dynamics, inertial, plain_urdf, remarks
 from tel_ros.recording.urdf import mesh_file
 
 
@@ -90,7 +90,7 @@ class ArmPhysics:
             raise ConfigError("sim.gui", sim.gui, "false, since there is no display (DISPLAY is not set)")
         check_dynamics(description, arm.hand_link, sim.payload_kg)
         for remark in filter(None, (description.assumed, *remarks(description))):
-            _LOG.info("%s: %s", arm.urdf, remark)
+            _LOG.warning("%s: %s", arm.urdf, remark)
         with rerouted(1, to=2):
             self._client = pybullet.connect(pybullet.GUI if sim.gui else pybullet.DIRECT)
             try:
@@ -101,6 +101,11 @@ class ArmPhysics:
                 ]
                 index = {link[1].decode(): link[0] for link in links}
                 self._joints = [index[name] for name in description.joints]
+                if max(self._joints) > MOST_LINKS:
+                    found = f"its arm has {n_links} links with mass, or on the way to one"
+                    raise description.urdf.refused(
+                        found, f"at most {MOST_LINKS}: PyBullet tells no more states"
+                    )
                 self._switch_off_defaults(1.0 / sim.physics_rate_hz)
                 self._set_friction(viscous_nms_per_rad, coulomb_nm)
                 names = [link[12].decode() for link in links]

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 
+Chapter = tuple[str, list[tuple[str, str, bool]]]
+"""A text, and targets: what is wanted, what was found, and whether that is good enough."""
 ROOT = Path(__file__).parents[1]
 """Of the checkout."""
 DOCS = ROOT / "docs"
@@ -101,6 +103,26 @@ class StudyOptions:
                 print(f"{len(done):3d}/{len(tasks)}  {key}", file=sys.stderr, flush=True)
                 while waiting and waiting[0] in done:
                     yield done[waiting.pop(0)]
+
+    def chapters(
+        self,
+        page: str,
+        names: Sequence[str],
+        function: Callable[..., Chapter],
+        *arguments: Any,
+        **values: Any,
+    ) -> None:
+        """Compute chapters by name, side by side; print each with its judged targets, and write the page."""
+        names, sections, met = self.selected(names)[: 1 if self.quick else None], [], list[bool]()
+        tasks = {name: (name, *arguments) for name in names}
+        for name, (text, targets) in zip(names, self.results(function, tasks), strict=True):
+            judged = (f"- **{'met' if t[2] else 'not met'}**: {t[0]}. Found: {t[1]}.\n" for t in targets)
+            sections.append(f"## {name}\n\n{text}\n\n{''.join(judged)}")
+            click.echo(sections[-1])
+            met += [good for *_, good in targets]
+        summary = f"{sum(met)} of {len(met)} targets are met."
+        click.echo(summary)
+        self.write(page, summary=summary, sections=sections, **values)
 
     def write(
         self,
@@ -159,28 +181,26 @@ def study(*, seeds: int = 0, sets: bool = True) -> Callable[[Callable[..., None]
             with ending_in_one_line():
                 function(options, **values)
 
-        decorators = [
-            click.command(function.__name__),
-            click.option("--jobs", default=1, show_default=True, help="Tasks at a time."),
-            click.option("--quick", is_flag=True, help="Compute less, to see that it works; print only."),
-            click.option("--only", metavar="NAME", multiple=True, help="Only this seed or case; print only."),
-            click.option(
-                "--out",
+        own = [
+            click.Option(["--jobs"], default=1, show_default=True, help="Tasks at a time."),
+            click.Option(["--quick"], is_flag=True, help="Compute less, to see that it works; print only."),
+            click.Option(
+                ["--only"], metavar="NAME", multiple=True, help="Only this seed or case; print only."
+            ),
+            click.Option(
+                ["--out"],
                 type=click.Path(path_type=Path, file_okay=False),
                 help="Folder of the page and figures. Default: docs, or none with --quick and --only.",
             ),
         ]
         if sets:
-            keys = click.option(
-                "--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Change a key."
+            own.append(
+                click.Option(["--set", "overrides"], metavar="KEY=VALUE", multiple=True, help="Change a key.")
             )
-            decorators.append(keys)
         if seeds:
-            number = click.option("--seeds", default=seeds, show_default=True, help="How many, from 1.")
-            decorators.append(number)
-        made: Any = command
-        for add in reversed(decorators):
-            made = add(made)
+            own.append(click.Option(["--seeds"], default=seeds, show_default=True, help="How many, from 1."))
+        made: click.Command = click.command(function.__name__)(command)
+        made.params[:0] = own
         return made
 
     return decorate

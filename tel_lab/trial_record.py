@@ -1,4 +1,4 @@
-"""What studies have in common: practice on an arm that may change, what is kept of trials, judged targets.
+"""What studies have in common: practice on an arm that may change, and what is kept of trials.
 
 And how demanding a movement is by the exact model.
 """
@@ -57,10 +57,6 @@ def practise(
         trials = practice.run(before_trial=before_trial)
         assert practice.ending is not None  # it has just run
         return trials, practice.ending
-
-
-def verdict(wanted: str, found: str, met: bool) -> str:
-    return f"- **{'met' if met else 'not met'}**: {wanted}. Found: {found}."
 
 
 @dataclass(frozen=True)
@@ -127,6 +123,13 @@ def duration_at_effort_share(
     return float(
         brentq(lambda t: effort_share(arm, exact, path, t) - share, fastest_s, _SLOWEST_S, xtol=1e-4)
     )
+
+
+def fastest_feasible_s(config: Config, sim: SimConfig) -> float:
+    """Return the duration that the effort and speed limits allow an arm, by the exact model."""
+    arm, path = config.arm, load_path(config.path, config.arm)
+    exact = ExactInverseDynamics(config, sim)
+    return duration_at_effort_share(arm, exact, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
 
 
 def exact_trial(config: Config, path: Path, duration_s: float) -> TrialReport:

@@ -8,23 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
-import click
-
-from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.study import ROOT, Chapter, StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_lab.trial_record import (
-    ArmChange,
-    TrialRecord,
-    duration_at_effort_share,
-    fastest_by_speed_s,
-    practise,
-    verdict,
-)
+from tel_lab.trial_record import ArmChange, TrialRecord, fastest_feasible_s, practise
 from tel_ros.core.config import Config
 from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.waypoint_file import load_path
 
 CONFIG = ROOT / "config" / "planar_arm.yaml"
 
@@ -166,16 +155,6 @@ SCENARIOS = {
 }
 
 
-def run_scenario(name: str, overrides: Sequence[str]) -> Run:
-    scenario = SCENARIOS[name]
-    config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
-    trials, ending = practise(config, scenario.change)
-    path, arm = load_path(config.path, config.arm), config.arm
-    last_arm = ExactInverseDynamics(config, scenario.change.of(config) if scenario.change else config.sim)
-    fastest_s = duration_at_effort_share(arm, last_arm, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
-    return Run(config, [TrialRecord.of(trial) for trial in trials], ending, scenario.change, fastest_s)
-
-
 COLUMNS: list[Column[tuple[int, TrialRecord]]] = [
     Column("trial", lambda row: row[0]),
     Column("duration [s]", lambda row: row[1].report.duration_s, ".3f"),
@@ -196,24 +175,20 @@ def _reason(plan: PlannedTrial) -> str:
     return plan.reason + ("" if plan.go_back_to is None else f" (network of trial {plan.go_back_to})")
 
 
-def section(name: str, run: Run) -> tuple[str, list[bool]]:
-    """Return the part of the page about a scenario, and which of its targets are met."""
+def chapter(name: str, overrides: Sequence[str]) -> Chapter:
+    """Practise as a scenario says."""
     scenario = SCENARIOS[name]
-    judged = [(wanted, *target(run)) for wanted, target in scenario.targets.items()]
-    verdicts = "\n".join(verdict(*each) for each in judged)
+    config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
+    trials, ending = practise(config, scenario.change)
+    fastest_s = fastest_feasible_s(config, scenario.change.of(config) if scenario.change else config.sim)
+    run = Run(config, [TrialRecord.of(trial) for trial in trials], ending, scenario.change, fastest_s)
     changes = " ".join(f"`{text}`" for text in scenario.overrides) or "As configured"
     if scenario.change:
         values = " ".join(f"`sim.{key}={value:g}`" for key, value in scenario.change.sim.items())
         changes += f"; from trial {scenario.change.at_trial} on {values}"
-    text = f"""## {name}
-
-{changes}. {run.ending.outcome.capitalize()}: {run.ending.message or "no message"}.
-
-{Table(COLUMNS, list(enumerate(run.trials, start=1))).markdown()}
-
-{verdicts}
-"""
-    return text, [met for _, _, met in judged]
+    head = f"{changes}. {ending.outcome.capitalize()}: {ending.message or 'no message'}."
+    table = Table(COLUMNS, list(enumerate(run.trials, start=1))).markdown()
+    return f"{head}\n\n{table}", [(wanted, *target(run)) for wanted, target in scenario.targets.items()]
 
 
 @study()
@@ -222,14 +197,4 @@ def adaptive(options: StudyOptions) -> None:
 
     --only takes the headings of the page.
     """
-    names = options.selected(list(SCENARIOS))[: 1 if options.quick else None]
-    sections, met = [], []
-    tasks = {name: (name, options.overrides) for name in names}
-    for name, run in zip(names, options.results(run_scenario, tasks), strict=True):
-        text, found = section(name, run)
-        click.echo(text)
-        sections.append(text)
-        met += found
-    summary = f"{sum(met)} of {len(met)} targets are met."
-    click.echo(summary)
-    options.write("adaptive.md", config=CONFIG.name, summary=summary, sections=sections)
+    options.chapters("adaptive.md", list(SCENARIOS), chapter, options.overrides, config=CONFIG.name)

@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import starmap
 
-import click
 import numpy as np
 
-from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.study import ROOT, StudyOptions, study
+from tel_lab.study import ROOT, Chapter, StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_lab.trial_record import duration_at_effort_share, fastest_by_speed_s, practise, verdict
+from tel_lab.trial_record import fastest_feasible_s, practise
 from tel_ros.core.config import Config
 from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.trial import Outcome, Trial
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.waypoint_file import load_path
 
 CONFIGS = ROOT / "config"
 N_STEPS = 15
@@ -102,7 +99,7 @@ def table(runs: dict[str, Practised]) -> str:
     return Table(columns, range(len(longest))).markdown()
 
 
-def seven_joints(file: str) -> tuple[str, list[str]]:
+def seven_joints(file: str) -> Chapter:
     start = unlearned(file)
     free = on_schedule(file, MODEL_FREE_REPEATS)
     friction_nm = [0.01 * limit for limit in free.config.arm.effort_limit_nm]
@@ -133,10 +130,10 @@ def seven_joints(file: str) -> tuple[str, list[str]]:
     judged += [(f"{name}: {limits}", "so" if met else "not so", met) for name, met in kept.items()]
     head = f"Unlearned at the goal speed, without speed limits: {rms_mrad(start):.2f} mrad RMS "
     head += f"({worst_joint_mrad(start):.2f}), {start.report.outcome.name.lower()}."
-    return f"{head}\n\n{table(runs)}", [verdict(*each) for each in judged]
+    return f"{head}\n\n{table(runs)}", judged
 
 
-def planar(file: str) -> tuple[str, list[str]]:
+def planar(file: str) -> Chapter:
     config = load_config(CONFIGS / file)
     trials, ending = practise(config)
     start = unlearned(file)
@@ -150,16 +147,14 @@ def planar(file: str) -> tuple[str, list[str]]:
     text = f"Unlearned at the goal speed: {rms_mrad(start):.2f} mrad RMS. {ending.message}.\n\n{rows}"
     met = ending.outcome == "completed" and rms_mrad(trials[-1]) <= 5.0 and len(trials) <= 7
     found = f"{ending.outcome}, {rms_mrad(trials[-1]):.2f} mrad after {len(trials)} trials"
-    return text, [verdict("as the two-joint arm: 4.5 s within 7 trials at 5 mrad or less", found, met)]
+    return text, [("as the two-joint arm: 4.5 s within 7 trials at 5 mrad or less", found, met)]
 
 
-def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
+def beyond_the_wrist(file: str, goal_s: float) -> Chapter:
     overrides = ["practice.strategy=adaptive_extension", f"practice.goal_duration_s={goal_s}"]
     overrides += ["learning.name=rigid_body", "practice.tolerance_rad=0.001"]
     config = load_config(CONFIGS / file, overrides)
-    arm, path = config.arm, load_path(config.path, config.arm)
-    exact = ExactInverseDynamics(config, config.sim)
-    fastest_s = duration_at_effort_share(arm, exact, path, 1.0, fastest_by_speed_s(arm, path, 1.0))
+    fastest_s = fastest_feasible_s(config, config.sim)
     trials, ending = practise(config)
     reached_s = trials[-1].report.duration_s
     clipped = any(trial.trial.saturated.any() for trial in trials)
@@ -169,10 +164,10 @@ def beyond_the_wrist(file: str, goal_s: float) -> tuple[str, list[str]]:
         f"{ending.message}"
     )
     wanted = f"asked for {goal_s} s, practice stops within 5 % of the fastest that the effort limits allow"
-    return f"Adaptive, rigid body, goal {goal_s} s.", [verdict(wanted, found, met)]
+    return f"Adaptive, rigid body, goal {goal_s} s.", [(wanted, found, met)]
 
 
-ARMS: dict[str, Callable[[], tuple[str, list[str]]]] = {
+ARMS: dict[str, Callable[[], Chapter]] = {
     "config/planar_arm_3.yaml: three joints in a plane": partial(planar, "planar_arm_3.yaml"),
     "config/kuka_iiwa.yaml: seven joints, 6 s to 1.5 s": partial(seven_joints, "kuka_iiwa.yaml"),
     "config/franka_panda.yaml: a goal beyond the wrist's 12 N·m": partial(
@@ -180,10 +175,10 @@ ARMS: dict[str, Callable[[], tuple[str, list[str]]]] = {
     ),
     "config/franka_panda.yaml: seven joints, 12 s to 4.5 s": partial(seven_joints, "franka_panda.yaml"),
 }
-"""Heading, and what practises: it returns text and verdicts."""
+"""Heading, and what practises."""
 
 
-def chapter(name: str) -> tuple[str, list[str]]:
+def chapter(name: str) -> Chapter:
     return ARMS[name]()
 
 
@@ -193,12 +188,4 @@ def arms(options: StudyOptions) -> None:
 
     --only takes the headings of the page.
     """
-    names = options.selected(list(ARMS))[: 1 if options.quick else None]
-    sections, judged = [], []
-    found = options.results(chapter, {name: (name,) for name in names})
-    for name, (text, verdicts) in zip(names, found, strict=True):
-        judged += verdicts
-        sections.append(f"## {name}\n\n{text}\n\n" + "\n".join(verdicts) + "\n")
-        click.echo(sections[-1])
-    met = sum(line.startswith("- **met") for line in judged)
-    options.write("arms.md", n_steps=N_STEPS, met=met, total=len(judged), sections=sections)
+    options.chapters("arms.md", list(ARMS), chapter, n_steps=N_STEPS)

@@ -13,12 +13,10 @@ that of *stop* it is killed. What this process has sent is what there was to rec
 
 from __future__ import annotations
 
-import functools
 import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,7 +28,7 @@ import numpy as np
 from tel_lab.recorder_stream import Client, Sent, Stream, beside, in_bag, is_same, record
 from tel_lab.studies.realtime_loop import ON_THIS_MACHINE
 from tel_lab.study import StudyOptions, study
-from tel_lab.tables import Column, Table
+from tel_lab.tables import NONE, of_texts
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.core.types import NS_PER_S
@@ -154,39 +152,21 @@ def compared(saved: dict[str, dict[int, bytes]], sent: list[Sent]) -> list[str]:
     return complaints
 
 
-@dataclass(frozen=True)
-class Kills:
-    """All kills of one storage."""
-
-    recording: RecordingConfig
-    kills: list[Kill]
-
-    def count(self, found: str) -> int:
-        return sum(kill.found == found for kill in self.kills)
-
-    def of_recovered(self, reduce: Any, value: Callable[[Kill], float]) -> float:
-        """Return a figure of those that left something to recover; NaN if none did."""
-        values = [value(kill) for kill in self.kills if kill.found == "recovered"]
-        return float(reduce(values)) if values else float("nan")
+FOUND = ("whole", "recovered", "not begun", "nothing")
+HEADINGS = ("storage", "chunk s", "kills", *FOUND, "lost s, median", "most", "saved %, median", "violations")
 
 
-COLUMNS = [
-    Column[Kills]("storage", lambda row: row.recording.storage, left=True),
-    Column("chunk s", lambda row: row.recording.chunk_s, "g"),
-    Column("kills", lambda row: len(row.kills)),
-    *(
-        Column(name, functools.partial(Kills.count, found=name))
-        for name in ("whole", "recovered", "not begun", "nothing")
-    ),
-    Column("lost s, median", lambda row: row.of_recovered(np.median, lambda kill: kill.lost_s), ".2f"),
-    Column("most", lambda row: row.of_recovered(max, lambda kill: kill.lost_s), ".2f"),
-    Column(
-        "saved %, median",
-        lambda row: row.of_recovered(np.median, lambda kill: 100.0 * kill.saved / kill.sent),
-        ".0f",
-    ),
-    Column("violations", lambda row: sum(bool(kill.violations) for kill in row.kills)),
-]
+def row(recording: RecordingConfig, kills: list[Kill]) -> list[str]:
+    """Return a line of the table: all kills of one storage."""
+    counts = [sum(kill.found == found for kill in kills) for found in FOUND]
+    of_recovered = [(k.lost_s, 100.0 * k.saved / k.sent) for k in kills if k.found == "recovered"]
+    figures = [NONE] * 3
+    if of_recovered:
+        lost_s, saved = zip(*of_recovered, strict=True)
+        figures = [f"{np.median(lost_s):.2f}", f"{max(lost_s):.2f}", f"{np.median(saved):.0f}"]
+    violations = sum(bool(kill.violations) for kill in kills)
+    counted = map(str, (len(kills), *counts))
+    return [recording.storage, f"{recording.chunk_s:g}", *counted, *figures, str(violations)]
 
 
 @study()
@@ -195,37 +175,27 @@ COLUMNS = [
 @click.option("--rate-hz", default=500.0, show_default=True, help="Of the arm.")
 @click.option("--chunk-s", default=RecordingConfig().chunk_s, show_default=True)
 @click.option("--first-domain", default=60, show_default=True, help=f"Of {N_DOMAINS} ROS domains to use.")
-@click.option("--lines", type=click.Path(path_type=Path), help="File for JSON lines, one a kill.")
 def recorder_kills(
-    options: StudyOptions,
-    n_kills: int,
-    seed: int,
-    rate_hz: float,
-    chunk_s: float,
-    first_domain: int,
-    lines: Path | None,
+    options: StudyOptions, n_kills: int, seed: int, rate_hz: float, chunk_s: float, first_domain: int
 ) -> None:
-    """SIGKILL for the recorder at random moments of a trial."""
+    """SIGKILL for the recorder at random moments of a trial; stderr gets a line of JSON for each."""
     os.environ.update(ON_THIS_MACHINE)
     storages: list[Any] = options.selected(["mcap", "sqlite3"])
     rng = np.random.default_rng(seed)
-    rows = [Kills(RecordingConfig(storage=name, chunk_s=chunk_s), []) for name in storages]
+    all_kills = [(RecordingConfig(storage=name, chunk_s=chunk_s), list[Kill]()) for name in storages]
     with tempfile.TemporaryDirectory() as root:
         for k in range(n_kills):
-            row = rows[k % len(rows)]
+            recording, kills = all_kills[k % len(all_kills)]
             moment_s = float(rng.uniform(0.0, SECOND_S + AFTERWARDS_S))
             where, domain = Path(root) / f"{k:03d}", first_domain + k % N_DOMAINS
             try:
-                kill = kill_once(where, row.recording, moment_s, domain, rate_hz, seed + k)
+                kill = kill_once(where, recording, moment_s, domain, rate_hz, seed + k)
             except (TimeoutError, RuntimeError) as error:
                 # Before anything was killed: the machine is too busy for a recorder to keep up.
                 print(f"kill {k} did not come about: {error}", file=sys.stderr, flush=True)
                 continue
-            row.kills.append(kill)
+            kills.append(kill)
             print(json.dumps(asdict(kill)), file=sys.stderr, flush=True)
-            if lines:
-                with lines.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(kill)) + "\n")
-    print(Table(COLUMNS, rows).markdown())
-    if any(kill.violations for row in rows for kill in row.kills):
+    print(of_texts(HEADINGS, [row(*each) for each in all_kills]).markdown())
+    if any(kill.violations for _, kills in all_kills for kill in kills):
         raise TelError("something happened that must not")

@@ -14,7 +14,6 @@ import os
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +25,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 
-from tel_lab.recorder_stream import SPAWNER, Stream, beside, in_bag, is_same, record
+from tel_lab.recorder_stream import SPAWNER, Client, Sent, Stream, beside, in_bag, is_same, record
 from tel_lab.studies.realtime_loop import ON_THIS_MACHINE, cpu_time_s
 from tel_lab.study import ROOT, StudyOptions, study
-from tel_lab.tables import Column, Table
+from tel_lab.tables import NONE, of_texts
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.types import NS_PER_S
@@ -45,23 +44,28 @@ RATE_HZ, N_JOINTS, N_POINTS = 1000.0, 7, 5000
 COMMANDS = (topics.EFFORT_COMMANDS, topics.POSITION_COMMANDS)
 STORAGES = ("mcap", "sqlite3")
 WARM_UP_S = 2.0
+Row = list[str]
 
 
-@dataclass(frozen=True)
-class Rate:
-    """What a recorder (by its storage) or the bare subscriber did while the others were as in a run.
+def rate_row(
+    who: str, sent: list[Sent], elapsed_s: float, heard: int, lost: int, cpu: float, size: str
+) -> Row:
+    """Return what a recorder or the bare subscriber did, messages on all topics together.
 
-    Messages are those on all topics together; ``lost``: sent during the trial and not there; ``cpu``: share
-    of a core; ``bytes_per_message``: of the data file, NaN without one; ``payload_per_message``: as sent.
+    ``lost``: sent during the trial and not there; ``cpu``: share of a core; ``size``: bytes/message on disk.
     """
+    as_sent = f"{np.mean([len(raw) for _, _, raw in sent]):.0f}"
+    rates = f"{len(sent) / elapsed_s:.0f}", f"{heard / elapsed_s:.0f}"
+    return [who, *rates, str(lost), f"{100.0 * cpu:.0f}", size, as_sent]
 
-    who: str
-    sent_per_s: float
-    heard_per_s: float
-    lost: int
-    cpu: float
-    bytes_per_message: float
-    payload_per_message: float
+
+def watched(client: Client, stream: Stream, pid: int, duration_s: float) -> tuple[float, float]:
+    """Let a trial go on; return how long it took in s, and the share of a core that a process used then."""
+    stream.begin(1)
+    cpu_s, began = cpu_time_s(pid), time.monotonic()
+    client.spin_for(duration_s)
+    elapsed_s = time.monotonic() - began
+    return elapsed_s, (cpu_time_s(pid) - cpu_s) / elapsed_s
 
 
 def listen(domain: int, counts: Any) -> None:
@@ -80,7 +84,7 @@ def listen(domain: int, counts: Any) -> None:
     executor.spin()
 
 
-def bare(duration_s: float, domain: int) -> Rate:
+def bare(duration_s: float, domain: int) -> Row:
     counts = SPAWNER.Value("q", 0)
     with (
         beside(domain, listen, counts) as (process, client),
@@ -88,17 +92,14 @@ def bare(duration_s: float, domain: int) -> Rate:
     ):
         client.require(lambda: counts.value > 0, "the bare subscriber hears nothing")
         client.spin_for(WARM_UP_S)
-        stream.begin(1)
-        heard, cpu_s, began = counts.value, cpu_time_s(process.pid), time.monotonic()
-        client.spin_for(duration_s)
-        sent, elapsed_s = list(stream.sent), time.monotonic() - began
-        heard, cpu_s = counts.value - heard, cpu_time_s(process.pid) - cpu_s
-    payload = float(np.mean([len(raw) for _, _, raw in sent]))
+        before = counts.value
+        elapsed_s, cpu = watched(client, stream, process.pid, duration_s)
+        sent, heard = list(stream.sent), counts.value - before
     # What was on its way at either end is not lost: this process does not know which messages came.
-    return Rate("bare", len(sent) / elapsed_s, heard / elapsed_s, 0, cpu_s / elapsed_s, np.nan, payload)
+    return rate_row("bare", sent, elapsed_s, heard, 0, cpu, NONE)
 
 
-def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate:
+def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Row:
     bag = folder / storage
     with (
         beside(domain, record, storage, RecordingConfig().chunk_s) as (process, client),
@@ -107,10 +108,7 @@ def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate
         client.wait_for_recorder()
         client.spin_for(WARM_UP_S)
         client.answer(client.call_start(bag, stream.goal(1, N_POINTS)))
-        stream.begin(1)
-        cpu_s, began = cpu_time_s(process.pid), time.monotonic()
-        client.spin_for(duration_s)
-        cpu_s, elapsed_s = cpu_time_s(process.pid) - cpu_s, time.monotonic() - began
+        elapsed_s, cpu = watched(client, stream, process.pid, duration_s)
         result = stream.end(1)
         end_ns = result.end_stamp.sec * NS_PER_S + result.end_stamp.nanosec
         sent = [message for message in stream.sent if message[1] <= end_ns]
@@ -119,11 +117,9 @@ def recorded(storage: str, duration_s: float, domain: int, folder: Path) -> Rate
     lost = sum(not is_same(saved[topic].get(stamp, b""), raw) for topic, stamp, raw in sent)
     if lost != answer.dropped:
         print(f"{storage}: the recorder says that it has dropped {answer.dropped} ticks", file=sys.stderr)
-    n_saved = sum(answer.message_counts)
     size = sum(file.stat().st_size for file in bag.iterdir() if file.suffix in (".mcap", ".db3"))
-    payload = float(np.mean([len(raw) for _, _, raw in sent]))
-    came = (len(sent) - lost) / elapsed_s
-    return Rate(storage, len(sent) / elapsed_s, came, lost, cpu_s / elapsed_s, size / n_saved, payload)
+    on_disk = f"{size / sum(answer.message_counts):.0f}"
+    return rate_row(storage, sent, elapsed_s, len(sent) - lost, lost, cpu, on_disk)
 
 
 def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:
@@ -145,56 +141,28 @@ def copied_run(storage: str, folder: Path, n_trials: int) -> list[Path]:
     return bags
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What it takes to open, read and learn from a run, in CPU time."""
-
-    storage: str
-    trials: int
-    ticks: int
-    size_mb: float
-    open_s: float
-    read_s: float
-    learn_s: float
-
-
-def reading(storage: str, folder: Path, n_trials: int) -> Reading:
+def reading(storage: str, folder: Path, n_trials: int) -> Row:
+    """Return what it takes to open, read and learn from a run, in CPU time."""
     config = load_config(SAMPLE_RUN / "run.yaml")
     bags = copied_run(storage, folder, n_trials)
-    began = time.process_time()
+    times_s = [time.process_time()]
     for bag in bags:
         check_bag(bag)
-    opened = time.process_time()
+    times_s.append(time.process_time())
     trials = [read_trial(bag) for bag in bags]
-    read = time.process_time()
+    times_s.append(time.process_time())
     network = new_network(config)
     for trial in trials:
         samples = configured_samples(learning_record(trial), config.learning)
         network, _ = network.trained_on(samples, config.learning.training)
-    trained = time.process_time()
+    times_s.append(time.process_time())
     size_mb = sum(file.stat().st_size for bag in bags for file in bag.iterdir()) / 1e6
     ticks = sum(len(trial.time_ns) for trial in trials)
-    return Reading(storage, n_trials, ticks, size_mb, opened - began, read - opened, trained - read)
+    return [storage, str(n_trials), str(ticks), f"{size_mb:.1f}", *(f"{s:.2f}" for s in np.diff(times_s))]
 
 
-RATES = [
-    Column[Rate]("", lambda row: row.who, left=True),
-    Column("sent/s", lambda row: row.sent_per_s, ".0f"),
-    Column("heard/s", lambda row: row.heard_per_s, ".0f"),
-    Column("lost", lambda row: row.lost),
-    Column("CPU % of a core", lambda row: 100.0 * row.cpu, ".0f"),
-    Column("bytes/message on disk", lambda row: row.bytes_per_message, ".0f"),
-    Column("as sent", lambda row: row.payload_per_message, ".0f"),
-]
-READINGS = [
-    Column[Reading]("storage", lambda row: row.storage, left=True),
-    Column("trials", lambda row: row.trials),
-    Column("ticks", lambda row: row.ticks),
-    Column("MB", lambda row: row.size_mb, ".1f"),
-    Column("open, CPU s", lambda row: row.open_s, ".2f"),
-    Column("read, CPU s", lambda row: row.read_s, ".2f"),
-    Column("learn, CPU s", lambda row: row.learn_s, ".2f"),
-]
+RATES = ("", "sent/s", "heard/s", "lost", "CPU % of a core", "bytes/message on disk", "as sent")
+READINGS = ("storage", "trials", "ticks", "MB", "open, CPU s", "read, CPU s", "learn, CPU s")
 
 
 @study()
@@ -215,6 +183,6 @@ def recorder_rate(
             rates.append(bare(duration_s, domain))
             for n, storage in enumerate(storages, start=1):
                 rates.append(recorded(storage, duration_s, domain + n, Path(folder)))
-    print(Table(RATES, rates).markdown(), end="\n\n")
+    print(of_texts(RATES, rates).markdown(), end="\n\n")
     with tempfile.TemporaryDirectory() as folder:
-        print(Table(READINGS, [reading(name, Path(folder), trials) for name in storages]).markdown())
+        print(of_texts(READINGS, [reading(name, Path(folder), trials) for name in storages]).markdown())

@@ -79,9 +79,8 @@ def measure(name: str, overrides: Sequence[str]) -> list[Measured]:
         samples = configured_samples(signals, config.learning)
         given = (trial.plan.alpha, trial.plan.movement.own_duration_s, signals, samples, before, after)
         network = TheoryMonitor(units, training, after.predict)
-        said = lock_up.after_trial(
-            report.alpha, report.rms_error_rad, outcome.rms_before_rad, outcome.rms_after_rad
-        )
+        learned_rad = outcome.training_rms_before_rad, outcome.training_rms_after_rad
+        said = lock_up.after_trial(report.alpha, report.rms_error_rad, *learned_rad)
         judged = [judge.after_trial(*given) for judge in (fitted, true, network)]
         measured.append(Measured(report, judged[0], judged[1], judged[2], said))
         before = after

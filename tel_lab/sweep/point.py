@@ -118,7 +118,9 @@ def _warnings(done: Sequence[PractisedTrial[Trial]], tolerance_rad: float) -> di
     monitor, said = LockUpMonitor(tolerance_rad), []
     for practised in done:
         learned = practised.training
-        errors = (learned.rms_before_rad, learned.rms_after_rad) if learned else (math.nan, math.nan)
+        errors = (math.nan, math.nan)
+        if learned:
+            errors = learned.training_rms_before_rad, learned.training_rms_after_rad
         said.append(monitor.after_trial(practised.plan.alpha, practised.report.rms_error_rad, *errors))
     first = next((number for number, text in enumerate(said, start=1) if text), None)
     return {"warned_trial": first, "warning": said[-1]}

@@ -215,9 +215,8 @@ class ArmDescription:
         place = self._given.get(name, min(max(0.0, low), high))
         if name not in self._given and (mimicked := self._mimicked(joint)) is not None:
             leader, ratio, offset = mimicked
-            if leader not in self.urdf.joints or leader in (*followers, name):
-                raise self.urdf.refused(f"joint {name!r} mimics {leader!r}", "another joint of the file")
-            place = offset + ratio * self._hold(self.urdf.joints[leader], (*followers, name))
+            if leader in self.urdf.joints and leader not in (*followers, name):
+                place = offset + ratio * self._hold(self.urdf.joints[leader], (*followers, name))
         self.held[name] = place
         return place
 

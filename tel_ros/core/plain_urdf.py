@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from tel_ros.core.types import FloatArray
 from tel_ros.core.urdf import NOWHERE, Joint, Urdf
 
 PAYLOAD_LINK = "tel_ros_payload"
+MOST_LINKS = 127
+_ROUNDING, _NEARLY = 1e-9, 1.3
+"""How far a moment of inertia may be above the sum of the two others: by rounding, and at all."""
+_NOTHING_KGM2 = 1e-12
 _BENT_RAD = 0.5
 """Of every joint: stretched out, at 0, an arm may not feel a point mass at its hand."""
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -32,6 +36,11 @@ class Inertial(NamedTuple):
     moments_kgm2: tuple[float, ...] = (0.0,) * len(_MOMENTS)
 
     @property
+    def is_nothing(self) -> bool:
+        """Whether there is neither mass nor inertia."""
+        return not (self.mass_kg or any(self.moments_kgm2))
+
+    @property
     def tensor_kgm2(self) -> FloatArray:
         """The moments as a matrix, shape (3, 3)."""
         xx, xy, xz, yy, yz, zz = self.moments_kgm2
@@ -39,33 +48,51 @@ class Inertial(NamedTuple):
 
 
 def inertial(urdf: Urdf, link: str, *, strict: bool = False) -> Inertial:
-    """Return the inertial of a link; zero if it has none or, unless ``strict``, one that is nonsense."""
-    element, read = urdf.links[link].find("inertial"), urdf.numbers
-    if element is None:
-        return Inertial()
+    """Return the inertial of a link; zero if it has none or, unless ``strict``, one that is nonsense.
+
+    Moments of which one is a bit above the sum of the two others, as it happens by rounding, become the
+    nearest that a body can have, and those next to nothing 0: PyBullet would take them all as 0.
+    """
     try:
-        return Inertial(
-            read(element, "mass", "value", (0.0,))[0],
-            read(element, "origin", "xyz", NOWHERE),
-            read(element, "origin", "rpy", NOWHERE),
-            tuple(read(element, "inertia", key, (0.0,))[0] for key in _MOMENTS),
-        )
+        found = _written(urdf, link)
     except InputFileError as error:
         if not strict:
             return Inertial()
         raise urdf.refused(f"link {link!r}: {error.found}", error.expected) from None
+    moments, axes = np.linalg.eigh(found.tensor_kgm2)
+    most = moments[0] + moments[1]
+    if abs(moments).max() < _NOTHING_KGM2:
+        return found._replace(moments_kgm2=(0.0,) * len(_MOMENTS))
+    if not most < moments[2] <= _NEARLY * most:
+        return found
+    tensor = axes @ np.diag([*moments[:2], (1.0 - _ROUNDING) * most]) @ axes.T
+    return found._replace(moments_kgm2=tuple(tensor[np.triu_indices(3)].tolist()))
+
+
+def _written(urdf: Urdf, link: str) -> Inertial:
+    element, read = urdf.links[link].find("inertial"), urdf.numbers
+    if element is None:
+        return Inertial()
+    return Inertial(
+        read(element, "mass", "value", (0.0,))[0],
+        read(element, "origin", "xyz", NOWHERE),
+        read(element, "origin", "rpy", NOWHERE),
+        tuple(read(element, "inertia", key, (0.0,))[0] for key in _MOMENTS),
+    )
 
 
 def remarks(arm: ArmDescription) -> tuple[str, ...]:
     """Return what the file says, or leaves out, that its author may not have meant: one sentence each."""
     links = {name: link for name, link in arm.urdf.links.items() if name in arm.moving}
-    found = {name: inertial(arm.urdf, name) for name in links}
+    found = {name: inertial(arm.urdf, name, strict=True) for name in links}
     with_shape = [k for k, link in links.items() if link.findall("visual") + link.findall("collision")]
     bare = [name for name in with_shape if links[name].find("inertial") is None]
     massless = [name for name, each in found.items() if not each.mass_kg and any(each.moments_kgm2)]
+    changed = [name for name, each in found.items() if each != _written(arm.urdf, name)]
     said = {
         "links with a shape, but no <inertial>, are taken as weightless": bare,
         "links with an <inertia>, but no mass, are taken as written": massless,
+        "links with an <inertia> that hardly a body has are given the nearest that one can have": changed,
     }
     return tuple(f"{what}: {listed(names)}" for what, names in said.items() if names)
 
@@ -79,9 +106,10 @@ def plain_urdf(
     stops_rad: tuple[JointValues, JointValues] | None = None,
     mesh: Callable[[str], str | None] | None = None,
 ) -> str:
-    """Return a URDF with nothing in it but bodies and joints, of which only the arm's move.
+    """Return a URDF with nothing in it but the bodies and joints of an arm, of which only its own move.
 
-    A link without ``<inertial>`` has no mass, as the format means it (PyBullet would give it 1 kg).
+    What it does not carry is left out, unless it is to be seen. A link without ``<inertial>`` has no mass, as
+    the format means it (PyBullet would give it 1 kg).
 
     Args:
         arm: whose joints move.
@@ -94,7 +122,8 @@ def plain_urdf(
     """
     robot, urdf = Element("robot", name="arm"), arm.urdf
     robot.extend(urdf.materials if mesh else ())
-    for name, link in urdf.links.items():
+    kept = set(urdf.links) if mesh else _needed(arm, hand_link)
+    for name, link in ((name, link) for name, link in urdf.links.items() if name in kept):
         body = SubElement(robot, "link", name=name)
         _add_inertial(body, inertial(urdf, name), inertia_scale)
         for visual in copy.deepcopy(link.findall("visual")) if mesh else ():
@@ -103,14 +132,30 @@ def plain_urdf(
             for each, file in zip(meshes, files, strict=True):
                 each.set("filename", file or "")
             body.extend([visual] if all(files) else [])
-    for joint in urdf.joints.values():
+    for joint in (joint for joint in urdf.joints.values() if joint.child in kept):
         _add_joint(robot, joint, arm.placed[joint.name], arm, stops_rad)
     if payload_kg:
         _add_inertial(SubElement(robot, "link", name=PAYLOAD_LINK), Inertial(payload_kg), 1.0)
         mount = SubElement(robot, "joint", name=f"{PAYLOAD_LINK}_mount", type="fixed")
         SubElement(mount, "parent", link=hand_link)
         SubElement(mount, "child", link=PAYLOAD_LINK)
+    indent(robot)  # PyBullet loses characters of lines that are longer than 1024
     return tostring(robot, encoding="unicode")
+
+
+def _needed(arm: ArmDescription, hand_link: str) -> set[str]:
+    """Return the links without which the arm would be another one."""
+    urdf = arm.urdf
+    ends = {urdf.joints[name].child for name in arm.joints}
+    ends |= {hand_link} if hand_link else set()
+    ways = {joint.child for link in arm.moving | ends for joint in urdf.way_to(link)}
+    kept = [link for link in urdf.below(urdf.root) if link in ways or link == urdf.root]
+    # PyBullet does not tell the state of joints beyond its 127th: leave out frames on which nothing depends.
+    for link in kept[::-1] if len(kept) > MOST_LINKS else ():
+        carries = any(joint.child in kept for joint in urdf.carried[link])
+        if not carries and link not in ends and inertial(urdf, link).is_nothing:
+            kept.remove(link)
+    return set(kept)
 
 
 def check_dynamics(
@@ -165,7 +210,7 @@ def _check_body(urdf: Urdf, link: str, body: Inertial) -> None:
     if body.mass_kg < 0.0:
         raise urdf.refused(f"link {link!r} has the mass {body.mass_kg}", "a number of kg of at least 0")
     moments = np.linalg.eigvalsh(body.tensor_kgm2)
-    rounding = 1e-9 * abs(moments).max()
+    rounding = _ROUNDING * abs(moments).max()
     if not (moments[0] >= -rounding and moments[2] <= moments[0] + moments[1] + rounding):
         found = ", ".join(f"{moment:.4g}" for moment in moments)
         raise urdf.refused(

@@ -48,7 +48,7 @@ class Urdf:
     def __init__(self, content: bytes, path: object) -> None:
         self.path = path
         self.text = self._decoded(content)
-        robot = self._parsed(self.text.lstrip("\ufeff \t\r\n"))
+        robot = self._parsed(self.text.strip("\ufeff\0\x1a \t\r\n"))
         self.materials = robot.findall("material")
         self.links = dict(self._named(robot, "link"))
         if not self.links:

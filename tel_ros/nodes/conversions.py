@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,13 @@ from tel_ros.recording.cdr import (
     time_ns,
 )
 from tel_ros.recording.trial_result import result_fields
+
+_DESIRED = {
+    "position_rad": "positions",
+    "velocity_rad_s": "velocities",
+    "acceleration_rad_s2": "accelerations",
+}
+"""Fields of a desired trajectory, of a trial's goal too; their names in ROS's own trajectories."""
 
 
 def to_time(ns: int) -> Time:
@@ -72,7 +80,7 @@ def _deserialised(raw: bytes, kind: type, what: str) -> Any:
     try:
         return deserialize_message(raw, kind)
     except RuntimeError as error:
-        raise StateError(f"{counted(len(raw), 'byte')}, no {what} ({error})") from error
+        raise StateError(f"no {what} in {counted(len(raw), 'byte')} ({error})") from error
 
 
 def idle_state(state: ArmState) -> ControlState:
@@ -98,13 +106,8 @@ def to_trajectory_message(joints: Sequence[str], times_ns: IntArray, **fields: F
 
 def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointTrajectory:
     """Return a desired trajectory as a message."""
-    return to_trajectory_message(
-        joints,
-        desired.time_ns,
-        positions=desired.position_rad,
-        velocities=desired.velocity_rad_s,
-        accelerations=desired.acceleration_rad_s2,
-    )
+    values = {field: getattr(desired, name) for name, field in _DESIRED.items()}
+    return to_trajectory_message(joints, desired.time_ns, **values)
 
 
 def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajectory:
@@ -114,11 +117,9 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
         TrajectoryError: other joints, incomplete points, or whatever :class:`DesiredTrajectory` refuses.
     """
     columns = _columns(message.joint_names, joints)
+    times_ns = np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
     return DesiredTrajectory(
-        time_ns=np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64),
-        position_rad=_values(message, "positions", columns),
-        velocity_rad_s=_values(message, "velocities", columns),
-        acceleration_rad_s2=_values(message, "accelerations", columns),
+        times_ns, **{name: _values(message, field, columns) for name, field in _DESIRED.items()}
     )
 
 
@@ -138,19 +139,17 @@ def to_goal_message(
 
     ``std_rad``, the standard deviation of the error in the equilibrium, is flat, point by point, or empty.
     """
-    desired, springs = goal.desired, goal.springs
+    doubles = {name: getattr(goal.desired, name) for name in _DESIRED}
+    if goal.springs is not None:
+        doubles |= vars(goal.springs)
     return TrialGoalMessage(
         trial=goal.index,
         alpha=goal.alpha,
         joint_names=list(joints),
-        time_ns=array("q", desired.time_ns.tobytes()),
-        position_rad=to_array(desired.position_rad),
-        velocity_rad_s=to_array(desired.velocity_rad_s),
-        acceleration_rad_s2=to_array(desired.acceleration_rad_s2),
+        time_ns=array("q", goal.desired.time_ns.tobytes()),
         equilibrium_rad=to_array(goal.equilibrium_rad),
-        stiffness_nm_per_rad=to_array(springs.stiffness_nm_per_rad) if springs else (),
-        damping_nms_per_rad=to_array(springs.damping_nms_per_rad) if springs else (),
         std_rad=std_rad,
+        **{name: to_array(values) for name, values in doubles.items()},
     )
 
 
@@ -172,23 +171,18 @@ def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
             )
         return np.array(flat).reshape(shape)[:, columns]
 
-    desired = DesiredTrajectory(
-        time_ns=np.array(message.time_ns, dtype=np.int64),
-        position_rad=values("position_rad"),
-        velocity_rad_s=values("velocity_rad_s"),
-        acceleration_rad_s2=values("acceleration_rad_s2"),
-    )
+    times_ns = np.array(message.time_ns, dtype=np.int64)
+    desired = DesiredTrajectory(times_ns, **{name: values(name) for name in _DESIRED})
     springs = None
-    if len(message.stiffness_nm_per_rad) or len(message.damping_nms_per_rad):
-        for name in ("stiffness_nm_per_rad", "damping_nms_per_rad"):
-            if (n := len(getattr(message, name))) != len(columns):
+    given = {field.name: np.array(getattr(message, field.name)) for field in fields(Springs)}
+    if any(map(len, given.values())):
+        for name, of_joints in given.items():
+            if len(of_joints) != len(columns):
                 raise TrajectoryError(
-                    f"{name} has {counted(n, 'value')}; expected {len(columns)}, one a joint, "
+                    f"{name} has {counted(len(of_joints), 'value')}; expected {len(columns)}, one a joint, "
                     "or none in both stiffness and damping"
                 )
-        springs = Springs(
-            np.array(message.stiffness_nm_per_rad)[columns], np.array(message.damping_nms_per_rad)[columns]
-        )
+        springs = Springs(**{name: of_joints[columns] for name, of_joints in given.items()})
     return TrialGoal(message.trial, message.alpha, desired, values("equilibrium_rad"), springs)
 
 

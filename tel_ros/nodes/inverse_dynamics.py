@@ -72,13 +72,9 @@ class InverseDynamicsNode(Node):
         finally:
             self._doing = ""
         self._take_up(network)
-
-        def rms(name: str) -> float:
-            return float(np.sqrt(np.mean(np.square([getattr(outcome, name) for outcome in outcomes]))))
-
-        response.training_rms_before_rad = rms("rms_before_rad")
-        response.training_rms_after_rad = rms("rms_after_rad")
-        response.rms_command_change_rad = rms("rms_command_change_rad")
+        for name in ("training_rms_before_rad", "training_rms_after_rad", "rms_command_change_rad"):
+            each = [getattr(outcome, name) for outcome in outcomes]
+            setattr(response, name, float(np.sqrt(np.mean(np.square(each)))))
         response.grown = [text for outcome in outcomes for text in outcome.grown]
         response.subtrees = list(network.subtrees)
         response.revision = self._revision

@@ -28,7 +28,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from tel_ros.core.errors import BagError, TelError, counted
-from tel_ros.recording.bag_format import definition, typestore
+from tel_ros.recording.bag_format import definition, plain_text, typestore
 from tel_ros.recording.data_files import DATA_FILES, data_kind, message_bytes, opened_file
 from tel_ros.recording.run_folder import is_run_folder
 
@@ -235,7 +235,8 @@ def information_of(bag: Path) -> dict[str, Any]:
 def custom_data(information: Mapping[str, Any]) -> dict[str, str]:
     """Return what was stored beside the messages, of the metadata."""
     stored = information.get("custom_data")
-    return {str(key): str(value) for key, value in stored.items()} if isinstance(stored, dict) else {}
+    texts = stored if isinstance(stored, dict) else {}
+    return {str(key): plain_text(str(value)) for key, value in texts.items()}
 
 
 def announced_topics(bag: Path) -> Iterator[tuple[str, str, int]]:

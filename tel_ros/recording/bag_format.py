@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 from functools import cache
+from io import StringIO
 from typing import Any
 
 import numpy as np
+import yaml
 from rosbags.interfaces import (
     Nodetype,
     Qos,
@@ -17,12 +20,14 @@ from rosbags.interfaces import (
 )
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+from ruamel.yaml import YAML
 
 from tel_ros.recording import topics
 from tel_ros.recording.shared_files import share_folder
 
 _OURS = ("ControlState", "TrialGoal", "TrialResult")
 _DEPTH = 10
+_IN_BASE64 = "text in Base64:"
 _INFINITE = QosTime(9223372036, 854775807)
 """The longest time that rosbag2 can tell: no deadline, no lifespan, no lease."""
 
@@ -73,6 +78,29 @@ def _value(kind: Any, value: Any) -> Any:
         return value
     (_, (element, _)), _ = of
     return list(value) if element == "string" else np.array(value, dtype=element)
+
+
+def as_yaml_keeps_it(key: str, text: str) -> str:
+    """Return a text of the metadata as it is or, where rosbags' writer of YAML would change it, in Base64.
+
+    That writer folds long lines, some of them wrongly; see :func:`plain_text`.
+    """
+    emitter, stream = YAML(typ="safe"), StringIO()
+    emitter.default_flow_style = False
+    # metadata.yaml has it one level deeper than the data file: lines are folded elsewhere.
+    emitter.dump({"custom_data": {key: text}, "deeper": {"custom_data": {key: text}}}, stream)
+    try:
+        read = yaml.load(stream.getvalue(), Loader=yaml.CSafeLoader)
+        kept = read["custom_data"][key] == read["deeper"]["custom_data"][key] == text
+    except yaml.YAMLError:
+        kept = False
+    return text if kept else _IN_BASE64 + base64.b64encode(text.encode()).decode("ascii")
+
+
+def plain_text(stored: str) -> str:
+    """Return a text of the metadata as it was before :func:`as_yaml_keeps_it`."""
+    in_base64 = stored.startswith(_IN_BASE64)
+    return base64.b64decode(stored.removeprefix(_IN_BASE64)).decode() if in_base64 else stored
 
 
 def offered_qos(topic: str, *, latched: bool = False) -> Qos:

@@ -22,7 +22,7 @@ from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
-from tel_ros.recording.bag_format import definition, offered_qos
+from tel_ros.recording.bag_format import as_yaml_keeps_it, definition, offered_qos
 
 UNFINISHED = ".unfinished"
 """Folder beside the bags in which a bag lies until it is closed."""
@@ -78,10 +78,10 @@ class BagWriter:
             # Chunk by chunk inside the file, as rosbag2 does it: every reader of MCAP knows it.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         for key, value in metadata.items():
-            self._writer.set_custom_data(key, value)
+            self._writer.set_custom_data(key, as_yaml_keeps_it(key, value))
         try:
             self._writer.open()
-            text = yaml.safe_dump(dict(metadata), allow_unicode=True)
+            text = yaml.safe_dump(self._writer.custom_data, allow_unicode=True)
             (self._staging / CUSTOM_DATA_FILE).write_text(text, encoding="utf-8")
             for path in (self._staging / CUSTOM_DATA_FILE, self._staging, self._staging.parent):
                 _sync(path)
@@ -150,6 +150,10 @@ class BagWriter:
         try:
             data = storage.path
             self._writer.close()
+            text = (self._staging / "metadata.yaml").read_text(encoding="utf-8")
+            written = yaml.load(text, Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]["custom_data"]
+            if (written or {}) != self._writer.custom_data:
+                raise BagError(self.bag, "its metadata read otherwise than they were written", "the same")
             (self._staging / CHECKSUMS).write_text(f"{sha256(data)}  {data.name}\n", encoding="utf-8")
             for path in (*self._staging.iterdir(), self._staging):
                 _sync(path)

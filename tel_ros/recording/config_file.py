@@ -10,6 +10,7 @@ import dataclasses
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -123,7 +124,10 @@ def to_plain(config: Config) -> dict[str, Any]:
 
 def dump_config(config: Config) -> str:
     """Return a configuration as YAML that :func:`load_config` reads back."""
-    return str(yaml.safe_dump(to_plain(config), sort_keys=False, default_flow_style=None, allow_unicode=True))
+    dump = partial(yaml.safe_dump, to_plain(config), sort_keys=False, default_flow_style=None)
+    text = str(dump(allow_unicode=True))
+    # Blanks and line ends that are not ASCII would not be read as they were.
+    return text if text.replace("\n", "").isprintable() else str(dump())
 
 
 def flat_values(config: Config) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +41,8 @@ SET_ASIDE = "set_aside"
 """Folder in a run's folder: what an interrupted run has left and a resumed one does not go on from."""
 
 _ENDED = ("completed", "stopped", "aborted")
-_NOT_RECORDED = (
-    *("training_rms_before_rad", "training_rms_after_rad", "rms_command_change_rad", "grown"),
-    *("warning", "wall_s"),
-)
+_LEARNED = tuple(field.name for field in fields(TrainingOutcome))
+_NOT_RECORDED = (*_LEARNED, "warning", "wall_s")
 """Columns of a row that neither the plan nor the bag tells."""
 _AS_BEGUN = "the bags, the configuration and the version that the run was begun with"
 
@@ -74,9 +72,7 @@ class RecordedNetwork:
             raise TrainingError(f"nothing was learned from trial {row.index}")
         if row is not None and network_after(self._folder, row.index).is_file():
             self._learner = None
-            return TrainingOutcome(
-                row.training_rms_before_rad, row.training_rms_after_rad, row.rms_command_change_rad, row.grown
-            )
+            return TrainingOutcome(**{name: getattr(row, name) for name in _LEARNED})
         self._learner, training = trained(self._now(), read_trial(bag), self._config)
         return training
 

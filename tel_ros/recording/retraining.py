@@ -6,7 +6,7 @@ import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,47 +19,37 @@ from tel_ros.recording.config_file import with_overrides
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.new_network import new_network
 from tel_ros.recording.provenance import stored_config, stored_urdf, unpacked_config
-from tel_ros.recording.run_folder import is_run_folder, require_all_before_last, trial_bag, trial_bags
-from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, RecordedTrial, read_metadata, read_trial
+from tel_ros.recording.run_folder import (
+    is_run_folder,
+    json_ready,
+    require_all_before_last,
+    trial_bag,
+    trial_bags,
+)
+from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, read_metadata, read_trial
 
 _CHANGEABLE = ("learning", "seed")
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """What one bag has taught."""
-
-    trial: RecordedTrial
-    recorded_revision: str
-    """Of the network that commanded the trial; empty if the bag does not tell."""
-    revision: str
-    """Of the network that was there before this bag, now."""
-    learner: Learner
-    """As it is after this bag."""
-    training: TrainingOutcome | None
-    """None if the trial was not learned from."""
-    note: str = ""
-    """Why it was not learned from, or which network was gone back to."""
-
-
-@dataclass(frozen=True)
 class Retraining:
-    """What came out of learning from bags: the file of the network, its revision, and one row a bag as JSON.
-
-    ``differs_at``: the first bag that another network had commanded than there was here; empty: none.
-    ``unknown``: whether some bag does not tell which network commanded it.
-    """
+    """What came out of learning from bags."""
 
     network: Path
     revision: str
     lessons: tuple[dict[str, Any], ...]
-    differs_at: str
-    unknown: bool
+    """One row a bag, with the keys of a row of ``summary.json``, as far as both have them."""
+
+    @property
+    def differs_at(self) -> str:
+        """The first bag that another network had commanded than there was here; empty: none."""
+        differ = (row["bag"] for row in self.lessons if row["network_before"] != row["commanded_by"] != "")
+        return next(differ, "")
 
     @property
     def as_recorded(self) -> bool:
-        """Whether each trial was commanded by the network that there was here before it."""
-        return not self.differs_at and not self.unknown
+        """Whether each trial is known to be commanded by the network that there was here before it."""
+        return all(row["network_before"] == row["commanded_by"] for row in self.lessons)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``tel train --json`` prints."""
@@ -92,46 +82,17 @@ def train(
     """
     if out.exists() and not force:
         raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
-    bags = bags_of(paths)
+    bags, rows = bags_of(paths), []
     with tempfile.TemporaryDirectory(prefix="tel_train_") as folder:
         config = unpacked_config(bags[0], read_metadata(bags[0]), Path(folder))
         config = with_overrides(config, overrides, _CHANGEABLE, str(bags[0]))
         learner = new_network(config)
-        rows = []
-        for lesson in relearned(bags, config, learner):
-            learner = lesson.learner
-            rows.append(_row(lesson))
-            on_lesson(lesson.trial.bag)
+        for after, row in _relearned(bags, config, learner):
+            learner = after
+            rows.append(row)
+            on_lesson(Path(row["bag"]))
     save_network(learner, out)
-    return Retraining(
-        network=out,
-        revision=revision(learner),
-        lessons=tuple(rows),
-        differs_at=next(
-            (row["bag"] for row in rows if row["network_before"] != row["commanded_by"] != ""), ""
-        ),
-        unknown=any(not row["commanded_by"] for row in rows),
-    )
-
-
-def _row(lesson: Lesson) -> dict[str, Any]:
-    """Return a lesson with the keys of a row of ``summary.json``, as far as both have them."""
-    trial, training = lesson.trial, lesson.training
-    error_rad = trial.position_rad[trial.run] - trial.desired[trial.run, : len(trial.joints)]
-    return {
-        "bag": str(trial.bag),
-        "index": trial.report.index,
-        "duration_s": trial.report.duration_s,
-        "outcome": trial.report.outcome.text,
-        "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
-        "training_rms_before_rad": training.rms_before_rad if training else None,
-        "training_rms_after_rad": training.rms_after_rad if training else None,
-        "rms_command_change_rad": training.rms_command_change_rad if training else None,
-        "grown": list(training.grown) if training else [],
-        "commanded_by": lesson.recorded_revision,
-        "network_before": lesson.revision,
-        "note": lesson.note,
-    }
+    return Retraining(out, revision(learner), tuple(rows))
 
 
 def bags_of(paths: Sequence[Path]) -> list[Path]:
@@ -156,8 +117,10 @@ def bags_of(paths: Sequence[Path]) -> list[Path]:
     return bags
 
 
-def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterator[Lesson]:
-    """Learn from bags, one after the other, as practice does.
+def _relearned(
+    bags: Sequence[Path], config: Config, learner: Learner
+) -> Iterator[tuple[Learner, dict[str, Any]]]:
+    """Learn from bags, one after the other, as practice does; yield the learner and a row after each.
 
     A trial before which practice had gone back to an earlier network is learned from with that one.
 
@@ -173,38 +136,45 @@ def relearned(bags: Sequence[Path], config: Config, learner: Learner) -> Iterato
     for bag, values, back in zip(bags, metadata, wanted, strict=True):
         run = bag.resolve().parent
         kept.setdefault((run, 0), learner)
-        note = ""
+        notes = []
         if back is not None:
             if (run, back) not in kept:
                 found = f"goes back to the network after trial {back}"
                 raise BagError(bag, found, f"{trial_bag(bag.parent, back)} among the bags before it")
             learner = kept[run, back]
-            note = f"back to the network {f'after trial {back}' if back else 'that the run began with'}"
+            notes = [f"back to the network {f'after trial {back}' if back else 'that the run began with'}"]
         before = revision(learner)
         trial = read_trial(bag)
+        report = trial.report
         if trial.joints != config.arm.joints:
             found = f"is of the joints {', '.join(trial.joints)}"
             raise BagError(bag, found, f"{', '.join(config.arm.joints)}, as in its configuration")
+        learn = partial(trained, learner, trial, config)
         try:
             after, why_not = learned_or_passed_over(
-                trial.report.outcome,
-                bool(trial.run.any()),
-                config.practice.on_abort,
-                partial(trained, learner, trial, config),
+                report.outcome, bool(trial.run.any()), config.practice.on_abort, learn
             )
         except TrainingError as error:
             raise TrainingError(f"{bag}: {error}") from None
         learner, training = after or (learner, None)
-        yield Lesson(
-            trial=trial,
-            recorded_revision=values.get(REVISION, ""),
-            revision=before,
-            learner=learner,
-            training=training,
-            note="; ".join(text for text in (note, why_not) if text),
+        error_rad = trial.position_rad[trial.run] - trial.desired[trial.run, : len(trial.joints)]
+        nothing = dict.fromkeys(field.name for field in fields(TrainingOutcome)) | {"grown": ()}
+        yield (
+            learner,
+            {
+                "bag": str(bag),
+                "index": report.index,
+                "duration_s": report.duration_s,
+                "outcome": report.outcome.text,
+                "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
+                **json_ready(asdict(training) if training else nothing),
+                "commanded_by": values.get(REVISION, ""),
+                "network_before": before,
+                "note": "; ".join(filter(None, [*notes, why_not])),
+            },
         )
-        if any(back == trial.report.index for back in wanted):
-            kept[run, trial.report.index] = learner
+        if report.index in wanted:
+            kept[run, report.index] = learner
 
 
 _ARM_KEYS = ("name", "joints", "command_interface", "stiffness_nm_per_rad", "damping_nms_per_rad")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -35,24 +35,15 @@ class TrialRow(TrialReport):
     @classmethod
     def of(cls, done: PractisedTrial[Any], bag: str, wall_s: float = math.nan) -> Self:
         """Return the row of a trial; ``wall_s``: what it took by the wall clock, learning included."""
-        plan, training = done.plan, done.training
-        learned: dict[str, Any] = {}
-        if training is not None:
-            learned = {
-                "rms_command_change_rad": training.rms_command_change_rad,
-                "training_rms_before_rad": training.rms_before_rad,
-                "training_rms_after_rad": training.rms_after_rad,
-                "grown": tuple(training.grown),
-            }
         return cls(
             **{field.name: getattr(done.report, field.name) for field in fields(TrialReport)},
-            reason=plan.reason,
-            went_back_to=plan.go_back_to,
-            expected_rms_rad=plan.expected_rms_rad,
+            reason=done.plan.reason,
+            went_back_to=done.plan.go_back_to,
+            expected_rms_rad=done.plan.expected_rms_rad,
             warning=done.warning,
             bag=bag,
             wall_s=wall_s,
-            **learned,
+            **(asdict(done.training) if done.training else {}),
         )
 
     @property

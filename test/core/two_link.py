@@ -240,3 +240,19 @@ def goal_on(path: Path, duration_s: float, *, index: int = 1, rate_hz: float = R
     desired = sample(path, duration_s, rate_hz)
     command = desired.position_rad + 0.05 * desired.velocity_rad_s
     return TrialGoal(index=index, alpha=1.0, desired=desired, equilibrium_rad=command)
+
+
+def in_run(time_s: float, **configuration: dict[str, object]) -> Bench:
+    """Return a bench at some time after the beginning of RUN."""
+    bench = make_bench(**configuration)
+    bench.controller.start(reach())
+    bench.until(lambda b: b.controller.time_from_start_s >= time_s)
+    return bench
+
+
+def stopped() -> Bench:
+    """Return a bench whose arm is held after a cancellation."""
+    bench = in_run(0.5)
+    bench.controller.cancel()
+    bench.finish()
+    return bench

@@ -15,7 +15,7 @@ import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, FaultGraph
 from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, judge
-from fault_kinds import ANY_REASON, KINDS, SILENCE_S, Kind
+from fault_kinds import ANY_REASON, FROZEN_RAD, KINDS, SILENCE_S, Kind
 from fault_plan import Fault
 from fault_tap import Heard
 from rclpy.serialization import deserialize_message
@@ -80,7 +80,7 @@ class Injection:
             np.array(arm.velocity_limit_rad_s),
         )
         self._body = Body.of(graph.config)
-        self._next_trial = 1
+        self._next_trial = 2  # no other follows an aborted one before one has been completed
         self._verified: set[int] = set()
         self._trial = 0
         self._fault_wall_s = math.inf
@@ -91,12 +91,17 @@ class Injection:
         started = time.monotonic()
         kind, row = KINDS[fault.kind], Row(fault)
         self._trial = 0
-        everybody = {*node_names(self._graph.config), "sim_bridge", "tel"}
-        self._graph.wait(
-            lambda: self._graph.ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S
-        )
-        begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))
-        self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
+        if kind.window_s is not None:
+            everybody = {*node_names(self._graph.config), "sim_bridge", "tel"}
+            self._graph.wait(
+                lambda: self._graph.ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S
+            )
+        if kind.window_s is None:
+            self._graph.wait(lambda: self._tap.arm_ns > 0, START_TIMEOUT_S)  # stamps count from it
+            self._act(fault, 1)
+        else:
+            begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))
+            self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
         if not self._trial:
             row.message = self._graph.last_words()
             row.violations = [f"no trial came to inject it into: {row.message or 'nothing was said'}"]
@@ -119,7 +124,7 @@ class Injection:
 
     def _await_end(self, fault: Fault, kind: Kind, row: Row) -> None:
         """Wait until a trial has begun after the fault was over, or the run has ended."""
-        over_wall_s = self._fault_wall_s + _lasts_s(fault)
+        over_wall_s = self._fault_wall_s + _lasts_s(fault)  # for good: no other trial counts
 
         def next_trial() -> bool:
             later = [h for k, h in self._tap.begun.items() if k > self._trial and h.wall_s > over_wall_s]
@@ -181,6 +186,17 @@ class Injection:
         if fault.kind.endswith("_duplicate"):
             since_ns = self._tap.foreign_since_ns or self._fault_ns
             return since_ns + (round(_lasts_s(fault) * NS_PER_S) if fault.kind == FOREIGN_EFFORTS else 0)
+        if fault.kind == "state_frozen":
+            since = trace.time_ns >= self._fault_ns
+            time_s = (trace.time_ns[since] - self._fault_ns) / NS_PER_S
+            told_rad_s = (
+                trace.velocity_rad_s[since][:1] if "position" not in fault.parameters["fields"] else 0.0
+            )
+            off_rad = trace.position_rad[since] - trace.position_rad[since][:1] - time_s[:, None] * told_rad_s
+            far = (np.abs(off_rad) > FROZEN_RAD).any(axis=1)
+            return int(trace.time_ns[since][np.argmax(far)]) if far.any() else self._fault_ns
+        if fault.kind == "state_wiring" and self._tap.begun:
+            return self._tap.begun[1].arm_ns
         if not self._graph.setup.in_between and fault.kind in ("kill_ep_controller", "hang_ep_controller"):
             # The observer lags behind an arm in lockstep, whose time stands still once nobody commands it.
             heard = [c.arm_ns for c in trace.controls]
@@ -194,7 +210,7 @@ class Injection:
         """
         if fault.kind == FOREIGN_EFFORTS:
             return fault_ns
-        over_ns = fault_ns + round(_lasts_s(fault) * NS_PER_S)
+        over_ns = fault_ns + round(min(_lasts_s(fault), END_TIMEOUT_S) * NS_PER_S)
         if fault.kind != "pause_sim_bridge":
             return over_ns
         states = [h for h in self._tap.states if h.wall_s >= self._fault_wall_s - 1.0]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import fault_messages as m
 import numpy as np
 from fault_judge import Expectation
-from fault_setups import COMMAND_AGE_LIMIT_S, WATCHDOG_S
+from fault_setups import COMMAND_AGE_LIMIT_S, TRIAL_S, WATCHDOG_S
 from std_msgs.msg import Float64MultiArray
 
 from tel_ros.app.bring_up import MODULES
@@ -28,9 +28,10 @@ OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", 
 """Nodes that a trial does not need once it has begun."""
 STATES_LOST = (
     r"no joint state|no joint states|joint states come|stamps of the joint states|off its desired|moves at|"
-    r"is at |does not exert what it is commanded"
+    r"is at |does not exert what it is commanded|are frozen"
 )
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
+FROZEN_RAD = 0.05
 SILENCE_S = 0.1
 """The controller's time-out for states."""
 
@@ -52,6 +53,7 @@ class Kind:
         codes: with what ``tel practice`` may exit; empty if the run survives.
         weight: how often it is drawn.
         interrupt_after_s: when somebody presses Ctrl-C (wall clock); None: nobody does.
+        window_s: when in a trial it is injected; None: before the first one, as the graph comes up.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Kind:
     codes: tuple[int, ...] = ()
     weight: float = 1.0
     interrupt_after_s: float | None = None
+    window_s: tuple[float, float] | None = (0.05, TRIAL_S - 0.3)
 
     @property
     def ends_run(self) -> bool:
@@ -117,8 +120,9 @@ def _where(node: str) -> tuple[str, ...]:
     return IN_BETWEEN if node == "arm_guard" else EVERYWHERE
 
 
-def _state(name: str, what: str, draw: m.Draw, expects: Any, change: Any, right: str) -> Kind:
-    return Kind(f"state_{name}", what, right, draw, expects, STATES_LOST, change)
+def _state(name: str, what: str, draw: m.Draw, expects: Any, change: Any, right: str, **more: Any) -> Kind:
+    more.setdefault("says", STATES_LOST)
+    return Kind(f"state_{name}", what, right, draw, expects, change=change, **more)
 
 
 def _unusable(name: str, what: str, change: Any) -> Kind:
@@ -199,8 +203,24 @@ _STATES = (
         "No state, no commands: the arm's watchdog and the controller both take the effort away.",
     ),
     _state(
-        *("frozen", "the same message again and again, for 1 s", m.draw_lasting(1.0), "stop", m.frozen),
+        *("repeated", "the same message again and again, for 1 s", m.draw_lasting(1.0), "stop", m.repeated),
         "A stamp that does not move is no new state: as silence.",
+        says=STATES_LOST + "|repeat their stamp",
+    ),
+    _state(
+        *("frozen", "position, velocity or both stay as they are, of one joint or all; stamps go on"),
+        *(m.draw_frozen, "stop", m.stood),
+        "No brake: it would trust the same readings. The effort goes to zero, the run ends, and says which. "
+        f"Counted from where a joint is {FROZEN_RAD} rad from where it is said to be.",
+        **{"says": "are frozen", "codes": (1, 3), "window_s": (0.85, 2.0), "weight": 2.0},
+    ),
+    _state(
+        *("wiring", "a joint with the other sign or in degrees, or two exchanged, from the start"),
+        *(m.draw_wiring, "either", m.rewired),
+        "A posture beyond the range is refused; otherwise the first approach ends without effort, before the "
+        "arm is fast. No other trial follows.",
+        says="moves away|swings from side|no brake is tried|outside of its range|has jumped|moves at|is at ",
+        **{"codes": (1, 3), "window_s": None, "setups": ("planar", "planar_3"), "weight": 1.5},
     ),
     _state(
         *("time_back", "stamps jump back by 0.15 s to an hour; later forward again"),
@@ -244,6 +264,10 @@ _COMMANDS = (
     _command(
         *("silence", "none reaches the arm for 1 s", m.draw_lasting(1.0), partial(m.dropped, 1.0)),
         _WATCHDOG + "when commands return, the trial goes on within the path tolerance or has been aborted.",
+    ),
+    _command(
+        *("limited", "the drives give 0.5 to 2 N·m at most, for 4 s", m.draw_limited, m.limited),
+        "Said, and not learned from; the trial is completed, or leaves the path tolerance.",
     ),
     Kind(
         *("command_duplicate", "a second publisher commands up to 20 % of the limit, for 1 s"),

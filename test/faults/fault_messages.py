@@ -77,6 +77,24 @@ def draw_foreign(rng: np.random.Generator) -> Parameters:
     return {"duration_s": 1.0, "share_of_limit": round(float(rng.uniform(-0.2, 0.2)), 3)}
 
 
+FOR_GOOD_S = 3600.0
+WHOLE = ("position", "velocity")
+
+
+def draw_frozen(rng: np.random.Generator) -> Parameters:
+    fields, n = [(WHOLE, None), (WHOLE, 0), (WHOLE, 1), (WHOLE[:1], None), (WHOLE[1:], None)], rng.integers(5)
+    return {"duration_s": FOR_GOOD_S, "fields": list(fields[n][0]), "joint": fields[n][1]}
+
+
+def draw_wiring(rng: np.random.Generator) -> Parameters:
+    wrong = str(rng.choice(["flipped", "swapped", "degrees"]))
+    return {"duration_s": FOR_GOOD_S, "wrong": wrong, "joint": int(rng.integers(2))}
+
+
+def draw_limited(rng: np.random.Generator) -> Parameters:
+    return {"duration_s": 4.0, "most_nm": round(float(rng.uniform(0.5, 2.0)), 2)}
+
+
 def overwritten(field: str, joint: int, value: float) -> Corruption:
     """Write a value over one joint's number in a field: ``position``, ``velocity`` or ``data``."""
 
@@ -134,7 +152,47 @@ def thinned(every: int) -> Corruption:
     return corrupt
 
 
-def frozen() -> Corruption:
+def stood(fields: Sequence[str], joint: int | None) -> Corruption:
+    """Keep what fields of one joint, or of all, said first; stamps go on."""
+    first: dict[str, list[float]] = {}
+
+    def corrupt(message: Message) -> Passed:
+        for field in fields:
+            told = getattr(message, field)
+            kept = first.setdefault(field, list(told))
+            for j in range(len(told)) if joint is None else [joint]:
+                told[j] = kept[j]
+        return [(0.0, message)]
+
+    return corrupt
+
+
+def rewired(wrong: str, joint: int) -> Corruption:
+    """Tell a joint with the other sign or in degrees, or exchange the first two."""
+
+    def corrupt(message: Message) -> Passed:
+        for field in WHOLE:
+            told = getattr(message, field)
+            if wrong == "swapped":
+                told[0], told[1] = told[1], told[0]
+            else:
+                told[joint] *= -1.0 if wrong == "flipped" else 180.0 / np.pi
+        return [(0.0, message)]
+
+    return corrupt
+
+
+def limited(most_nm: float) -> Corruption:
+    """Let no joint get more than so much."""
+
+    def corrupt(message: Message) -> Passed:
+        message.data = np.clip(message.data, -most_nm, most_nm).tolist()
+        return [(0.0, message)]
+
+    return corrupt
+
+
+def repeated() -> Corruption:
     """Repeat the first message."""
     first: list[Message] = []
 

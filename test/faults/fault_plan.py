@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from fault_kinds import KINDS
 from fault_messages import Parameters
-from fault_setups import SETUPS, TRIAL_S
+from fault_setups import SETUPS
 
 _END_SHARE = 0.3
 """Of all faults that end a run: each of these costs a graph that has to come up."""
@@ -47,13 +47,16 @@ def plan(n: int, seed: int, kinds: Sequence[str] = (), setups: Sequence[str] = (
         names = [name for name in graphs if name in kind.setups]
         share = np.array([SETUPS[name].weight for name in names])
         setup = str(rng.choice(names, p=share / share.sum()))
-        offset_s = round(float(rng.uniform(0.05, TRIAL_S - 0.3)), 3)
+        offset_s = round(float(rng.uniform(*(kind.window_s or (0.0, 0.0)))), 3)
         faults.append(Fault(index, kind.name, setup, offset_s, kind.draw(rng)))
     return faults
 
 
 def batches(faults: Sequence[Fault], longest: int = 10) -> list[list[Fault]]:
-    """Share faults out among graphs: some that a run survives, then one that ends it."""
+    """Share faults out among graphs: some that a run survives, then one that ends it.
+
+    One that is there from the start comes first; the others get another graph.
+    """
     shared: list[list[Fault]] = []
     for setup in dict.fromkeys(fault.setup for fault in faults):
         ours = [fault for fault in faults if fault.setup == setup]
@@ -62,6 +65,6 @@ def batches(faults: Sequence[Fault], longest: int = 10) -> list[list[Fault]]:
         n_graphs = max(len(ends), -(-len(rides) // (longest - 1)), 1)
         parts = [rides[k::n_graphs] for k in range(n_graphs)]
         for k, end in enumerate(ends):
-            parts[k].append(end)
+            parts[k].insert(len(parts[k]) if KINDS[end.kind].window_s else 0, end)
         shared += [part for part in parts if part]
     return shared

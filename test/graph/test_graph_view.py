@@ -161,7 +161,7 @@ def test_the_view_samples_the_newest_states_and_has_no_publisher_of_its_own(made
     made_up.wait_for(heard, "states")
     assert view.arm.position_rad.tolist() == [0.3, 0.4]
     assert (view.sample.trial, view.sample.phase) == (3, Phase.RUN)
-    assert view.sample.desired_rad.tolist() == [0.1, 0.2]
+    assert view.sample.desired_position_rad.tolist() == [0.1, 0.2]
     assert view.arm_age_s < 60.0
     own = {topic for topic, _ in made_up.node.get_publisher_names_and_types_by_node("eyes", "/")}
     assert own <= {"/rosout", "/parameter_events"}

@@ -56,8 +56,8 @@ def practise(*overrides: str) -> Judged:
             monitor.after_trial(
                 report.alpha,
                 report.rms_error_rad,
-                trial.training.rms_before_rad,
-                trial.training.rms_after_rad,
+                trial.training.training_rms_before_rad,
+                trial.training.training_rms_after_rad,
             )
         )
         before = after

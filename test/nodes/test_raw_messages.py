@@ -57,8 +57,8 @@ def test_bytes_and_messages_tell_the_same_state_whatever_the_order_of_the_joints
 @pytest.mark.parametrize(
     ("raw", "match"),
     [
-        (b"", "0 bytes are no joint state"),
-        (b"\0\1\0\0\0", "5 bytes are no joint state"),
+        (b"", "no joint state in 0 bytes"),
+        (b"\0\1\0\0\0", "no joint state in 5 bytes"),
         (serialize_message(JointState()), "has no joints; expected also shoulder, elbow"),
         (serialize_message(JointState(name=["elbow"], position=[0.0])), "expected also shoulder"),
         (serialize_message(JointState(name=["shoulder", "elbow"], position=[0.0])), "2 names, 1 positions"),
@@ -84,7 +84,7 @@ def test_commands_of_all_dresses_are_read() -> None:
         message.layout.dim = [MultiArrayDimension(label=text) for text in labels]
         found = reader(serialize_message(message))
         assert (found.label, found.values) == (label, (1.0, -2.0))
-    with pytest.raises(StateError, match="3 bytes are no command"):
+    with pytest.raises(StateError, match="no command in 3 bytes"):
         reader(b"abc")
 
 

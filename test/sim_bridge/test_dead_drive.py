@@ -39,6 +39,7 @@ def dead_drive(config: Config, dead_s: float = DEAD_S) -> Episode:
     path = load_path(config.path, config.arm)
     desired = sample(path, 3.0, config.control.rate_hz)
     controller = EpController(config.arm, config.control, config.safety)
+    controller._first_motion = None  # as after a completed trial
     controller.start(TrialGoal(1, 1.0, desired, desired.position_rad))
     limit_nm = np.array(config.arm.effort_limit_nm)
     since_s = stopped_s = None

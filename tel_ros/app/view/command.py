@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +18,7 @@ from rich.console import Console
 
 from tel_ros.app.bring_up import die_with_parent, end_process
 from tel_ros.app.config_argument import config_argument, namespace_option, overrides_option
-from tel_ros.app.view.gate import ViewError
+from tel_ros.app.view import ViewError
 from tel_ros.recording.config_file import load_config
 
 if TYPE_CHECKING:
@@ -46,42 +45,31 @@ def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Besid
     if not with_view:
         return lambda config_file, log_folder: nullcontext()
     _require_view()
-
-    def tell(line: str) -> None:
-        console.print(f"view    {line}", highlight=False, soft_wrap=True, markup=False)
-
-    return lambda config_file, log_folder: _view_process(config_file, log_folder, tell, namespace)
+    return partial(_view_process, console, namespace)
 
 
 @contextmanager
-def _view_process(
-    config_file: Path, log_folder: Path, tell: Callable[[str], None], namespace: str
-) -> Iterator[None]:
+def _view_process(console: Console, namespace: str, config_file: Path, log_folder: Path) -> Iterator[None]:
     """Run the view as a process beside a practice run, which neither waits for it nor needs it.
 
-    It gets SIGTERM from the kernel if this process dies. ``tell`` is called from another thread, with the
-    link or with why there is none.
+    It gets SIGTERM from the kernel if this process dies. What it says, its link or why there is none, comes
+    to the console from another thread.
     """
     log_folder.mkdir(parents=True, exist_ok=True)
     with (log_folder / "view.log").open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "tel_ros.app.view.main", str(config_file), namespace],
-            stdin=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
             start_new_session=True,  # Ctrl-C reaches the supervisor only
             preexec_fn=die_with_parent,
         )
-    with suppress(OSError):  # it may have died already
-        # Shorter than a pipe's buffer, so this does not wait.
-        assert process.stdin
-        process.stdin.write(f"{secrets.token_urlsafe()}\n")
-        process.stdin.close()
 
     def listen() -> None:
         for line in process.stdout or ():
-            tell(line.strip())
+            console.print(line.rstrip(), highlight=False, soft_wrap=True, markup=False)
 
     threading.Thread(target=listen, daemon=True).start()
     try:
@@ -101,19 +89,8 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
     CONFIG is the configuration of the run, or run.yaml in its folder. The page is at the link that is
     printed, on this computer only. Ctrl-C ends the view; the graph keeps running.
     """
-    stopping: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stopping.append(number))
     _require_view()
     from tel_ros.nodes.robot_description import description_in  # isort: skip - first: whether ROS can start
     from tel_ros.app.view.main import watch
 
-    out = sys.stdout  # kept: what viser prints goes elsewhere
-    watch(
-        load_config(config_file, overrides, partial(description_in, namespace)),
-        secrets.token_urlsafe(),
-        port,
-        lambda link: click.echo(f"view    {link}", file=out),
-        lambda: bool(stopping),
-        namespace,
-    )
+    watch(load_config(config_file, overrides, partial(description_in, namespace)), namespace, port)

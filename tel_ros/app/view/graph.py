@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,10 @@ from std_srvs.srv import SetBool, Trigger
 from tel_interfaces.action import Practice
 from tel_interfaces.msg import ControlState, TrialGoal
 
-from tel_ros.app.view.live_trial import Sample
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
-from tel_ros.core.trial import Phase
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import joint_state_numbers
 from tel_ros.nodes.hot_loop import BusyGroup, serves_itself, take
@@ -50,7 +49,7 @@ class GraphView:
         self._gate = StateGate(config.arm, config.control)
         self.arm: ArmState | None = None
         """The newest state of the arm."""
-        self.sample: Sample | None = None
+        self.sample: ControlState | None = None
         """The newest state of the controller."""
         self.stopped = self.paused = False
         self.answer, self.alarm = "", False
@@ -65,19 +64,12 @@ class GraphView:
             )
         )
         node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
-        node.create_subscription(Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED)
-        node.create_subscription(Bool, topics.PAUSED, self._on_paused, qos.LATCHED)
-
-        def on_practice(message: Any) -> None:
-            on_feedback(message.feedback)
-
+        for topic, name in ((topics.SAFETY_STOPPED, "stopped"), (topics.PAUSED, "paused")):
+            node.create_subscription(Bool, topic, partial(self._note, name), qos.LATCHED)
         # The feedback of an action is a topic like any other.
-        node.create_subscription(
-            Practice.Impl.FeedbackMessage,
-            f"{topics.PRACTICE}/_action/feedback",
-            on_practice,
-            qos.EVENTS,
-        )
+        kind, topic = Practice.Impl.FeedbackMessage, f"{topics.PRACTICE}/_action/feedback"
+        hear: Callable[[Any], None] = lambda message: on_feedback(message.feedback)  # noqa: E731
+        node.create_subscription(kind, topic, hear, qos.EVENTS)
         self._stop = node.create_client(Trigger, topics.SAFETY_STOP)
         self._reset = node.create_client(Trigger, topics.SAFETY_RESET)
         self._pause = node.create_client(SetBool, topics.PAUSE)
@@ -134,6 +126,9 @@ class GraphView:
     def _say(self, text: str, urgent: bool, bad: bool) -> None:
         self.answer, self.alarm = f"{text}; use the emergency stop by wire" if urgent and bad else text, bad
 
+    def _note(self, name: str, message: Bool) -> None:
+        setattr(self, name, message.data)
+
     def _on_joint_state(self, message: JointState) -> None:
         try:
             self.arm = self._gate.admit(*joint_state_numbers(message), time.monotonic_ns())
@@ -143,24 +138,8 @@ class GraphView:
         self._arm_at = time.monotonic()
 
     def _on_control_state(self, message: ControlState) -> None:
-        idle = message.phase == ControlState.IDLE
-        if len(message.position_rad) != self._n_joints:
-            return  # another arm's
-        self.sample = Sample(
-            trial=message.trial,
-            phase=Phase(message.phase),
-            time_from_start_s=message.time_from_start_s,
-            position_rad=np.array(message.position_rad),
-            velocity_rad_s=np.array(message.velocity_rad_s),
-            desired_rad=np.array([] if idle else message.desired_position_rad),
-            effort_nm=np.array(message.effort_nm),
-        )
-
-    def _on_stopped(self, message: Bool) -> None:
-        self.stopped = message.data
-
-    def _on_paused(self, message: Bool) -> None:
-        self.paused = message.data
+        if len(message.position_rad) == self._n_joints:  # else another arm's
+            self.sample = message
 
 
 def _take(subscription: Subscription) -> None:

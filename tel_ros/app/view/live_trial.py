@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +13,7 @@ from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.core.types import FloatArray, evenly_spaced
 
 if TYPE_CHECKING:
-    from tel_interfaces.msg import TrialResult
+    from tel_interfaces.msg import ControlState, TrialResult
 
 N_CELLS = 240
 """As many as a small plot can show."""
@@ -60,19 +59,6 @@ def round_up(value: float) -> float:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in (1.0, 2.5, 5.0, 10.0) if step * power >= value)
-
-
-@dataclass(frozen=True)
-class Sample:
-    """What the controller saw and did in one tick. Shape (n_joints,) each; nothing is desired in IDLE."""
-
-    trial: int
-    phase: Phase
-    time_from_start_s: float
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    desired_rad: FloatArray
-    effort_nm: FloatArray
 
 
 class LiveTrial:
@@ -123,17 +109,17 @@ class LiveTrial:
             return np.zeros((0, 3))
         return np.insert(self._chain.hand_positions(np.array(self._path_rad)), self._gaps, np.nan, axis=0)
 
-    def see(self, sample: Sample) -> None:
+    def see(self, sample: ControlState) -> None:
         """Take in a sample; those of other trials and from before the movement are left out."""
-        time_s = sample.time_from_start_s
+        time_s, position_rad = sample.time_from_start_s, np.array(sample.position_rad)
         if sample.trial != self.index or time_s < 0.0:
             return
         if sample.phase in (Phase.RUN, Phase.STOP):
-            self._add_point(time_s, sample.position_rad)
+            self._add_point(time_s, position_rad)
         if sample.phase in (Phase.RUN, Phase.HOLD):
-            self.error_rad.add(time_s, sample.position_rad - sample.desired_rad)
-        self.speed_rad_s.add(time_s, sample.velocity_rad_s)
-        self.effort_share.add(time_s, sample.effort_nm / self._limit_nm)
+            self.error_rad.add(time_s, position_rad - sample.desired_position_rad)
+        self.speed_rad_s.add(time_s, np.array(sample.velocity_rad_s))
+        self.effort_share.add(time_s, np.array(sample.effort_nm) / self._limit_nm)
 
     def _add_point(self, time_s: float, position_rad: FloatArray) -> None:
         share = (time_s - self._last_point_s) / self.duration_s

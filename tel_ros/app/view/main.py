@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,7 @@ _WORDS_EVERY = 4
 
 
 class LiveView:
-    """Keeps the page up to date with what is heard; arguments as for :func:`watch`. The owner spins the node.
+    """Keeps the page up to date with what is heard. The owner spins the node; ``token`` is the link's secret.
 
     Raises:
         TelError: the arm or its path cannot be drawn, or the server cannot be opened safely.
@@ -85,7 +85,7 @@ class LiveView:
             if graph.arm is not None:
                 page.show_arm(graph.arm.position_rad)
             if graph.sample is not None:
-                page.show_ghost(graph.sample.desired_rad)
+                page.show_ghost(np.array(graph.sample.desired_position_rad))
             if self._looks % _WORDS_EVERY == 0:
                 page.show_status(graph, self._feedback)
                 page.show_history(self._history)
@@ -125,35 +125,29 @@ def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
         rclpy.try_shutdown()
 
 
-def watch(
-    config: Config,
-    token: str,
-    port: int,
-    on_open: Callable[[str], None],
-    ended: Callable[[], bool],
-    namespace: str = "/",
-) -> None:
-    """Show a graph until ``ended`` returns true, which is asked at least twenty times a second.
+def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
+    """Show a graph until SIGINT or SIGTERM; print the link when the page is there.
 
     Args:
         config: of the run that is watched.
-        token: the secret in the link.
-        port: of the page; 0: any that is free.
-        on_open: called with the link when the page is there.
-        ended: whether to stop.
         namespace: of the graph.
+        port: of the page; 0: any that is free.
 
     Raises:
         TelError: as :class:`LiveView`.
     """
+    stopping: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: stopping.append(number))
     os.nice(10)  # the processor is for the nodes that move the arm
+    out = sys.stdout
     with contextlib.redirect_stdout(sys.stderr), _node(namespace) as (node, executor):  # viser talks
-        view = LiveView(config, node, token, port)
+        view = LiveView(config, node, secrets.token_urlsafe(), port)
         try:
-            on_open(view.link)
+            print(f"view    {view.link}", file=out, flush=True)
             look_s = 1.0 / (LOCKSTEP_RATE_HZ if config.arm_waits_for_commands else ARM_RATE_HZ)
             next_look = next_picture = time.monotonic()
-            while not ended():
+            while not stopping:
                 # Counted from now: a view that is late does not hurry.
                 now = time.monotonic()
                 if now >= next_look:
@@ -168,24 +162,9 @@ def watch(
             view.close()
 
 
-def main() -> None:
-    """Run as a process beside ``tel practice``: arguments are the configuration and the namespace.
-
-    The token comes on standard input, where no list of processes shows it; the link goes to standard output.
-    """
-    stopping: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stopping.append(number))
-    out = os.fdopen(os.dup(sys.stdout.fileno()), "w")
-    token = sys.stdin.readline().strip()
-    tell = partial(print, file=out, flush=True)
+if __name__ == "__main__":  # as a process beside `tel practice`: configuration and namespace
     try:
-        config, namespace = load_config(Path(sys.argv[1])), sys.argv[2]
-        watch(config, token, 0, tell, lambda: bool(stopping), namespace)
-    except TelError as error:
-        tell(f"no live view: {error}")
+        watch(load_config(Path(sys.argv[1])), sys.argv[2])
+    except TelError as problem:
+        print(f"view    no live view: {problem}")
         sys.exit(2)
-
-
-if __name__ == "__main__":
-    main()

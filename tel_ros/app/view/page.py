@@ -16,7 +16,7 @@ from viser import uplot
 from viser.extras import ViserUrdf
 
 from tel_ros.app.plane import Viewpoint
-from tel_ros.app.view.gate import ViewError
+from tel_ros.app.view import ViewError
 from tel_ros.app.view.live_trial import History, LiveTrial, magnitude, round_up
 from tel_ros.app.view.words import status_html, trials_html
 from tel_ros.core.config import ArmConfig

@@ -2,14 +2,19 @@
 
 viser has no authentication, listens everywhere, and lets every client change the handlers of every button or
 ask for a public tunnel. So it listens only at a socket file in a folder that nobody but this user may enter.
-The only way there is a server of ours at the loopback address, which judges each request (:class:`Gate`)
-and passes on only what a client may say (:func:`harmless`).
+The only way there is a server of ours at the loopback address, which judges each request and passes on only
+what a client may say (:func:`harmless`).
+
+It lets in whoever knows the token: from the link in the terminal at first, from a cookie after that. Pages of
+other origins can send requests to this machine, too, and the browser adds the cookie to them. So the origin
+of a socket is checked as well, and the host name of the request, against foreign names that point here.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
 import http.client
 import io
 import socket
@@ -17,8 +22,10 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import viser
@@ -30,8 +37,18 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin, Subprotocol
 
-from tel_ros.app.view.gate import HOST, Gate, Verdict, ViewError
+from tel_ros.app.view import ViewError
 
+HOST = "127.0.0.1"
+"""The view listens here only: other machines cannot reach it."""
+SHIELD = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "frame-ancestors 'none'",  # no other page may cover the buttons
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""Headers of every answer."""
 _TIMEOUT_S = 10.0
 MAY_SAY = ("ViewerCameraMessage", "GuiUpdateMessage")
 """Names of viser's messages that a client may send: where its camera is, and the value of an input."""
@@ -56,24 +73,29 @@ def harmless(message: str | bytes) -> bytes | None:
 
 
 class OwnersServer:
-    """viser behind a gate, at a port (0: any that is free).
+    """viser behind a gate, at a port (0: any that is free); ``token`` is the secret.
 
     Raises:
         ViewError: the port is taken, or this viser cannot be protected. Nothing listens then.
     """
 
     def __init__(self, token: str, port: int, label: str) -> None:
+        if not token:
+            raise ValueError("the token is empty: everybody would know it")
         unknown = set(MAY_SAY) - {message.__name__ for message in viser.infra.Message.get_subclasses()}
         if unknown:
             raise ViewError(
                 f"the live view stays shut: viser {viser.__version__} has no {', '.join(unknown)}"
             )
+        self._token = token.encode()
         self._closing = contextlib.ExitStack()
         try:
             listener = self._closing.enter_context(_listener(port))
             self.port = listener.getsockname()[1]
-            self._gate = Gate(token, self.port)
-            self.link = self._gate.link
+            self._cookie = f"tel_view_{self.port}"  # cookies do not know ports: each view has its own
+            self._hosts = (f"{HOST}:{self.port}", f"localhost:{self.port}")
+            # By number: localhost may have a second address, at which somebody else listens.
+            self.link = f"http://{HOST}:{self.port}/?token={token}"
             folder = self._closing.enter_context(tempfile.TemporaryDirectory(prefix="tel_view_"))  # mode 0700
             self._file = Path(folder) / "viser"
             # viser prints an address that nobody is to use.
@@ -102,7 +124,7 @@ class OwnersServer:
                 self._relay,
                 sock=listener,
                 process_request=self._answer,
-                origins=[Origin(origin) for origin in self._gate.origins],
+                origins=[Origin(f"http://{host}") for host in self._hosts],
                 select_subprotocol=_viewer,
                 compression=None,
                 max_size=2**16,  # where a camera is, or a click, needs less
@@ -118,15 +140,35 @@ class OwnersServer:
 
     async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request for a file; None lets a socket be opened, if its origin is one of ours."""
-        cookies, hosts = request.headers.get_all("Cookie"), request.headers.get_all("Host")
-        verdict = self._gate.judge(request.path, hosts, cookies)
-        if verdict.status != HTTPStatus.OK:
-            return _refusal(verdict)
-        if request.headers.get("Upgrade", "").lower() == "websocket":
+        hosts = request.headers.get_all("Host")
+        asked = parse_qs(urlsplit(request.path).query).get("token", [])
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
+            response = connection.respond(HTTPStatus.FORBIDDEN, "Not the name of this server.\n")
+        elif len(asked) == 1 and self._is_token(asked[0]):
+            # The token must not stay in the address bar, where others could read it.
+            response = connection.respond(HTTPStatus.SEE_OTHER, "")
+            cookie = f"{self._cookie}={asked[0]}; HttpOnly; SameSite=Strict; Path=/"
+            response.headers.update({"Location": "/", "Set-Cookie": cookie})
+        elif not self._is_token(self._shown(request.headers.get_all("Cookie"))):
+            text = "Open the link with the token that tel has printed in its terminal.\n"
+            response = connection.respond(HTTPStatus.UNAUTHORIZED, text)
+        elif request.headers.get("Upgrade", "").lower() == "websocket":
             return None
-        response = await asyncio.to_thread(_fetch, self._file, request)
-        response.headers.update(verdict.headers)
+        else:
+            response = await asyncio.to_thread(_fetch, self._file, request)
+        response.headers.update(SHIELD)
         return response
+
+    def _shown(self, cookies: Sequence[str]) -> str:
+        jar = SimpleCookie()
+        try:
+            jar.load("; ".join(cookies))
+        except CookieError:
+            return ""
+        return jar[self._cookie].value if self._cookie in jar else ""
+
+    def _is_token(self, text: str) -> bool:
+        return hmac.compare_digest(text.encode("utf-8", "surrogateescape"), self._token)
 
     async def _relay(self, browser: ServerConnection) -> None:
         """Pass on what viser sends, and what the browser may say."""
@@ -194,12 +236,6 @@ def _listener(port: int) -> socket.socket:
 def _viewer(connection: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
     """Choose the protocol that names viser's version; viser checks it."""
     return next((name for name in offered if name.startswith("viser-v")), None)
-
-
-def _refusal(verdict: Verdict) -> Response:
-    body = verdict.text.encode()
-    headers = Headers([*verdict.headers, ("Content-Type", "text/plain"), ("Content-Length", str(len(body)))])
-    return Response(verdict.status.value, verdict.status.phrase, headers, body)
 
 
 def _fetch(file: Path, request: Request) -> Response:

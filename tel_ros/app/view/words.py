@@ -61,7 +61,7 @@ def status_html(graph: GraphView, said: Practice.Feedback) -> str:
     total = f"about {said.trials}" if said.reason else f"{said.trials}"
     about = f"trial {said.trial} of {total} · α {said.alpha:.3f}" if said.trial else "no trial"
     lines.append(f'<div style="font-size:18px" data-testid="trial">{about}</div>')
-    phase = graph.sample.phase if graph.sample is not None else Phase.IDLE
+    phase = Phase(graph.sample.phase if graph.sample is not None else Phase.IDLE)
     lines.append(
         f'<div data-testid="phase">{escape(said.stage or "–")} · {phase.name.lower()} · '
         f"{fixed(said.duration_s, 2)} s · error up to {fixed(said.max_error_rad, 3)} rad</div>"

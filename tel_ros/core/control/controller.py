@@ -212,15 +212,17 @@ class EpController:
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(trial, state)
-        self._equilibrium, effort, saturated = self._command(state, target)
-        if self._first_motion is not None and not (self._releasing or self.phase == Phase.HOLD):
-            fault = self._first_motion.look(state, self._equilibrium, effort)
+        equilibrium, effort, saturated = self._command(state, target)
+        self._equilibrium = equilibrium
+        watched = not (self._releasing or self.phase == Phase.HOLD or self.safety.response.waits)
+        if self._first_motion is not None and watched:
+            fault = self._first_motion.look(state, equilibrium, effort)
             too_fast = self.phase == Phase.STOP and not trial.run_ns and self.limits.too_fast(state)
             if fault or too_fast:
                 self._distrust(trial, fault or "no brake is tried before a first movement has gone well")
                 effort = self.safety.none().effort_nm
         desired = (target.position, target.velocity, target.acceleration)
-        return Tick(self.phase, self.time_from_start_s, *desired, self._equilibrium, effort, saturated)
+        return Tick(self.phase, self.time_from_start_s, *desired, equilibrium, effort, saturated)
 
     def conclude(self, state: ArmState, tick: Tick) -> None:
         """Keep the books of a tick that :meth:`decide` has returned; the command need not wait for this."""

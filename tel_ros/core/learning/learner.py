@@ -56,9 +56,9 @@ class LearnerContext:
 class TrainingOutcome:
     """What training on one trial did."""
 
-    rms_before_rad: float
+    training_rms_before_rad: float
     """RMS over all joints of û - N(ŷ) before training."""
-    rms_after_rad: float
+    training_rms_after_rad: float
     rms_command_change_rad: float
     """RMS change of the command for the trial's own desired trajectory."""
     grown: tuple[str, ...]

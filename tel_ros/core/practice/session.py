@@ -213,9 +213,8 @@ class PracticeSession(Generic[TrialT]):
             self.network.save(plan.index)  # the strategy may go back to it
         warning = ""
         if training is not None:
-            warning = self._lock_up.after_trial(
-                plan.alpha, report.rms_error_rad, training.rms_before_rad, training.rms_after_rad
-            )
+            learned_rad = training.training_rms_before_rad, training.training_rms_after_rad
+            warning = self._lock_up.after_trial(plan.alpha, report.rms_error_rad, *learned_rad)
         return PractisedTrial(plan, report, trial, training, note, warning)
 
 

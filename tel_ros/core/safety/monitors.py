@@ -5,6 +5,7 @@ Unlike the rules they narrow nothing as long as they find nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,7 +30,7 @@ class FrozenJoint:
             "position_at",
             "position_ns",
         ),
-        *("pulled_s", "step_rad", "stood_for", "told_for", "velocity", "velocity_ns", "velocity_step"),
+        *("pulled_s", "step_rad", "stood_for", "told_for", "velocity", "velocity_ns", "changes"),
     )
 
     def __init__(self, time_ns: int, q: float, v: float, effort_nm: float) -> None:
@@ -40,8 +41,9 @@ class FrozenJoint:
         """States in which position and velocity have been the same."""
         self.moved_rad = self.jitter = self.own_speed = 0.0
         """The velocity's integral over that time, and its noise; speed of the position before."""
-        self.step_rad = self.velocity_step = 0.0
-        """Smallest change of position and velocity so far: their resolution."""
+        self.step_rad, self.changes = 0.0, 0
+        """Smallest change of the position so far: its resolution; how often the velocity has changed, -1 once
+        it has stayed the same while the joint moved: then it is coarse."""
         self.effort_nm, self.direction, self.pulled_s = effort_nm, 0, 0.0
         """What acted when the position stood still; where it had gone to, 0: it has not moved; for how long
         the effort has been far from that."""
@@ -50,7 +52,8 @@ class FrozenJoint:
         """Take in a reading."""
         before = self.velocity
         if v != before:
-            self.velocity_step = min(abs(v - before), self.velocity_step or abs(v - before))
+            coarse = self.told_for and self.position != self.position_at
+            self.changes = -1 if coarse or self.changes < 0 else self.changes + 1
             self.velocity, self.velocity_ns, self.told_for, self.position_at = v, time_ns, 0, q
         else:
             self.told_for += 1
@@ -98,6 +101,8 @@ class FrozenReadings:
     """... faster than what an offset of the velocity explains, or its resolution, ..."""
     SIGMAS = 5.0
     """... and above its noise by so many standard deviations."""
+    FINE_CHANGES = 50
+    """A velocity that has always changed with the position is too fine to repeat itself in motion."""
     MEMORY_S = 0.01
     DEAD_STEPS = 8.0
     """A joint that covered so many steps, and the least distance above, in the time of the patience does not
@@ -170,7 +175,7 @@ class FrozenReadings:
         elif joint.told_for >= self.STATES and told_s >= self.PATIENCE_S:
             moved = state.position_rad[j] - joint.position_at
             other = abs(moved - v * told_s) > max(2.0 * least_rad, self.OTHER_SPEED_RAD_S * told_s)
-            exact = 0.0 < 50.0 * joint.velocity_step < abs(v) and told_s > 1.5 * self.PATIENCE_S
+            exact = joint.changes >= self.FINE_CHANGES and told_s > 1.5 * self.PATIENCE_S
             if other or (exact and abs(moved) > least_rad):
                 return f"its velocity stays at {v:.2f} rad/s while it moves {moved:.3f} rad in {told_s:.3f} s"
         return ""
@@ -197,51 +202,50 @@ class FirstMotion:
     FIRST_RAD = 0.01
     """The distance from which on doublings are timed."""
     LONGER = 1.15
-    STRONG_SHARE, SWINGS, SWINGS_S = 0.2, 4, 0.1
+    STRONG_SHARE, SWINGS, SWINGS_S, SWING_STEPS = 0.2, 4, 0.1, 3.0
 
     def __init__(self, joints: Sequence[str], limit_nm: FloatArray) -> None:
         self._joints = tuple(joints)
-        self._strong = (self.STRONG_SHARE * limit_nm).tolist()
-        self._low = self._high = np.zeros(0)
+        self._strong: list[float] = (self.STRONG_SHARE * limit_nm).tolist()
         self.begin(np.zeros(len(joints)))
 
     def begin(self, position_rad: FloatArray) -> None:
         """Begin from where the arm is; shape (n_joints,)."""
         n = len(self._joints)
-        self._low = self._high = position_rad
+        self._low, self._high = position_rad.tolist(), position_rad.tolist()
         self._times: list[list[float]] = [[] for _ in range(n)]
-        self._away, self._last_s = [0.0] * n, 0.0
-        self._side = [0] * n
         self._swings: list[list[float]] = [[] for _ in range(n)]
+        self._turned_at, self._before = list(self._low), list(self._low)
+        self._step_rad = [math.inf] * n
+        self._away, self._upward, self._last_s = [0.0] * n, [False] * n, 0.0
 
     def look(self, state: ArmState, equilibrium_rad: FloatArray, effort_nm: FloatArray) -> str:
         """Take in a tick; return what is wrong in words, or nothing. Shapes (n_joints,)."""
-        now_s = state.time_ns / NS_PER_S
-        self._low, self._high = (
-            np.minimum(self._low, equilibrium_rad),
-            np.maximum(self._high, equilibrium_rad),
-        )
-        q = state.position_rad
-        away_rad = np.maximum(self._low - q, q - self._high).tolist()
-        found = ""
-        for j, (away, effort) in enumerate(zip(away_rad, effort_nm.tolist(), strict=True)):
+        now_s, found = state.time_ns / NS_PER_S, ""
+        rows = zip(state.position_rad.tolist(), equilibrium_rad.tolist(), effort_nm.tolist(), strict=True)
+        for j, (q, u, effort) in enumerate(rows):
+            self._low[j], self._high[j] = min(self._low[j], u), max(self._high[j], u)
+            away = max(self._low[j] - q, q - self._high[j])
             if self._runs_away(j, away, now_s):
                 found = (
                     f"{self._joints[j]} moves away from where it is pulled, faster and faster "
                     f"({away:.3f} rad so far): a sign, a unit or the order of the joints is wrong"
                 )
-            elif abs(effort) >= self._strong[j] and self._swings_about(j, effort > 0.0, now_s):
+            elif self._swings_about(j, q, effort, now_s):
                 found = (
                     f"the effort of {self._joints[j]} swings from side to side: it moves faster than it can "
                     "have been pulled (a unit that is wrong, or too much damping for so light a joint)"
                 )
-        self._away, self._last_s = away_rad, now_s
+            self._away[j] = away
+        self._last_s = now_s
         return found
 
     def _runs_away(self, j: int, away: float, now_s: float) -> bool:
         times, before = self._times[j], self._away[j]
         if away < 0.5 * self.FIRST_RAD:
-            times.clear()
+            if times:
+                times.clear()
+            return False
         while away >= (mark := self.FIRST_RAD * 2.0 ** len(times)):
             share = (mark - before) / (away - before) if away > before else 1.0
             times.append(self._last_s + min(max(share, 0.0), 1.0) * (now_s - self._last_s))
@@ -249,9 +253,15 @@ class FirstMotion:
                 return True
         return False
 
-    def _swings_about(self, j: int, upward: bool, now_s: float) -> bool:
-        side, self._side[j] = self._side[j], 1 if upward else -1
-        if side * self._side[j] < 0:
-            self._swings[j] = [*self._swings[j][1 - self.SWINGS :], now_s]
-        swings = self._swings[j]
-        return len(swings) == self.SWINGS and now_s - swings[0] <= self.SWINGS_S
+    def _swings_about(self, j: int, q: float, effort: float, now_s: float) -> bool:
+        swings, change, self._before[j] = self._swings[j], abs(q - self._before[j]), q
+        if change:
+            self._step_rad[j] = min(self._step_rad[j], change)
+        if abs(effort) < self._strong[j]:
+            return False
+        # A swing of a step or two is that of the encoder.
+        moved = abs(q - self._turned_at[j]) > self.SWING_STEPS * self._step_rad[j]
+        if moved and (effort > 0.0) != self._upward[j]:
+            swings.append(now_s)
+            self._upward[j], self._turned_at[j] = effort > 0.0, q
+        return len(swings) > self.SWINGS and now_s - swings[-1 - self.SWINGS] <= self.SWINGS_S

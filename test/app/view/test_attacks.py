@@ -21,8 +21,8 @@ import websockets.asyncio.client  # noqa: E402
 from viser import _messages as messages  # noqa: E402
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
+from tel_ros.app.view import ViewError  # noqa: E402
 from tel_ros.app.view import server as view_server  # noqa: E402
-from tel_ros.app.view.gate import ViewError  # noqa: E402
 from tel_ros.app.view.server import OwnersServer  # noqa: E402
 
 TOKEN = "a-secret-for-tests"

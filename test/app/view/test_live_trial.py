@@ -16,7 +16,6 @@ from tel_ros.app.view.live_trial import (
     GridSeries,
     History,
     LiveTrial,
-    Sample,
     magnitude,
     round_up,
 )
@@ -47,15 +46,15 @@ def trial(index: int = 1, std_rad: float | None = None) -> LiveTrial:
     return LiveTrial(*goal(index, std_rad=std_rad), chain(), (20.0,))
 
 
-def sample(time_s: float, position: float = 0.0, *, index: int = 1, phase: Phase = Phase.RUN) -> Sample:
-    return Sample(
+def sample(time_s: float, position: float = 0.0, *, index: int = 1, phase: Phase = Phase.RUN) -> Any:
+    return SimpleNamespace(
         trial=index,
         phase=phase,
         time_from_start_s=time_s,
-        position_rad=np.array([position]),
-        velocity_rad_s=np.array([0.3]),
-        desired_rad=np.array([0.1]),
-        effort_nm=np.array([-5.0]),
+        position_rad=[position],
+        velocity_rad_s=[0.3],
+        desired_position_rad=[0.1],
+        effort_nm=[-5.0],
     )
 
 

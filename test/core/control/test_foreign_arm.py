@@ -45,6 +45,7 @@ class Rig:
         told = reading.position, reading.velocity, reading.effort
         tick = self.controller.tick(self.gate.admit(ARM["joints"], stamp_ns, *told, stamp_ns))
         if tick is not None:
+            assert all(np.isfinite(values).all() for values in tick[2:7])
             self.ticks.append(tick)
             self.drive.command(tick.effort_nm.tolist())
 

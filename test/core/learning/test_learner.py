@@ -51,8 +51,8 @@ def test_the_outcome_is_the_error_before_and_after_and_the_change_of_the_command
     before, after = Says(lambda x: 0.1 * x[:, :2]), Says(lambda x: 0.1 * x[:, :2] + [0.03, 0.04])
     told = outcome(before, after, TRIAL, ("grew",))
     wanted = TRIAL.offset_rad - 0.1 * TRIAL.actual[:, :2]
-    assert told.rms_before_rad == pytest.approx(rms(wanted))
-    assert told.rms_after_rad == pytest.approx(rms(wanted - [0.03, 0.04]))
+    assert told.training_rms_before_rad == pytest.approx(rms(wanted))
+    assert told.training_rms_after_rad == pytest.approx(rms(wanted - [0.03, 0.04]))
     assert told.rms_command_change_rad == pytest.approx(0.05 / np.sqrt(2.0))
     assert told.grown == ("grew",)
 

@@ -303,7 +303,7 @@ def test_what_a_trial_that_was_broken_off_leaves_is_learned_however_little(n: in
         whole, actual=whole.actual[rows], desired=whole.desired[rows], offset_rad=whole.offset_rad[rows]
     )
     learner, outcome = untrained().trained_on(few, "actual")
-    assert outcome.rms_after_rad < 0.5 * outcome.rms_before_rad
+    assert outcome.training_rms_after_rad < 0.5 * outcome.training_rms_before_rad
     assert np.all(np.isfinite(learner.predict(whole.actual)))
     learner, _ = learner.trained_on(whole, "actual")
     assert held_out_error(learner) < 0.05 * rms(whole.offset_rad)

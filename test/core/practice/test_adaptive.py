@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from made_up_arm import MadeUpArm, config_of, practise
 
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import PlannedTrial, Strategy
-from tel_ros.core.trial import Outcome
+from tel_ros.core.trial import Outcome, TrialReport, shortfall
 
 
 def adaptive(path_tolerance_rad: float = 1.0, **practice: object) -> Strategy:
@@ -88,6 +89,23 @@ def test_it_stops_at_the_fastest_speed_that_the_effort_limits_allow_and_says_so(
     assert "4.5 s cannot be reached" in ending.message and "(limit 20 N·m)" in ending.message
     assert f"{600.0 / 4.5**2 + static_nm:.1f} N·m" in ending.message
     assert reports[-1].rms_error_rad <= 5e-3
+
+
+def test_it_plans_with_what_a_drive_has_given_where_that_is_less_than_its_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    arm, execute = MadeUpArm(peak_nms2=400.0), MadeUpArm.execute
+
+    def limited(self: MadeUpArm, plan: PlannedTrial) -> TrialReport:
+        needed_nm = 400.0 / plan.movement.duration_s**2
+        message = shortfall("shoulder", 8.0, needed_nm) if needed_nm > 8.0 else ""
+        return replace(execute(self, plan), message=message)
+
+    monkeypatch.setattr(MadeUpArm, "execute", limited)
+    plans, _, ending = practise(adaptive(trials=40), arm)
+    assert ending.outcome == "stopped"
+    assert durations(plans)[-1] == pytest.approx(math.sqrt(400.0 / (0.97 * 8.0)), rel=0.02)
+    assert "4.5 s cannot be reached" in ending.message and "(limit 8 N·m)" in ending.message
 
 
 def test_effort_is_no_limit_where_the_goal_needs_less() -> None:

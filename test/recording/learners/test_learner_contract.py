@@ -132,11 +132,11 @@ def test_the_outcome_reports_what_training_did(options: dict[str, object]) -> No
     for samples in (next(trials()), noisy(trial(4.0, step=20, shift_rad=0.05), 9)):
         learner, outcome = old.trained_on(samples, "actual")
         before, after = old.predict(samples.actual), learner.predict(samples.actual)
-        assert outcome.rms_before_rad == pytest.approx(rms(samples.offset_rad - before))
-        assert outcome.rms_after_rad == pytest.approx(rms(samples.offset_rad - after))
+        assert outcome.training_rms_before_rad == pytest.approx(rms(samples.offset_rad - before))
+        assert outcome.training_rms_after_rad == pytest.approx(rms(samples.offset_rad - after))
         change = learner.predict(samples.desired) - old.predict(samples.desired)
         assert outcome.rms_command_change_rad == pytest.approx(rms(change))
-        assert outcome.rms_after_rad < outcome.rms_before_rad
+        assert outcome.training_rms_after_rad < outcome.training_rms_before_rad
         assert all(isinstance(text, str) for text in outcome.grown)
         old = learner
 
