@@ -22,9 +22,8 @@ from tel_lab.offline import OfflinePractice
 from tel_lab.study import StudyOptions, study
 from tel_lab.tables import Column, Table
 from tel_ros.core.arm_description import TURNING, ArmDescription
-from tel_ros.core.errors import TelError
-from tel_ros.core.learning.rigid_body import inertia_matrix
-from tel_ros.core.plain_urdf import plain_urdf
+from tel_ros.core.errors import InputFileError, TelError
+from tel_ros.core.plain_urdf import check_dynamics
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.urdf import Urdf
 from tel_ros.recording.config_file import load_config
@@ -90,8 +89,11 @@ def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) ->
     ranges = [limit.range_rad or RANGE_RAD for limit in arm.limits]
     low, high = np.clip(np.transpose(ranges), -math.pi, math.pi)
     middle, step = 0.5 * (low + high), np.minimum(WAY_RAD, 0.2 * (high - low))
-    inertia = inertia_matrix(plain_urdf(arm), joints, middle)
-    stiffness = OWN_FREQUENCY_RAD_S**2 * (np.ones(len(joints)) if inertia is None else np.diag(inertia))
+    try:
+        inertia = np.diag(check_dynamics(arm, "", position_rad=middle))
+    except InputFileError:  # told by the trial itself
+        inertia = np.ones(len(joints))
+    stiffness = OWN_FREQUENCY_RAD_S**2 * inertia
     speed = np.array([min(limit.velocity_rad_s, SPEED_RAD_S) for limit in arm.limits])
     duration_s = max(2.0, float(max(6.0 * step / speed)))
     config: dict[str, Any] = {
