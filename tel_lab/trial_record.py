@@ -20,7 +20,7 @@ from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal, TrialReport
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 _SLOWEST_S = 60.0

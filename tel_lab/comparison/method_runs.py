@@ -25,7 +25,7 @@ from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 

@@ -22,7 +22,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.config_fields import read_record
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 

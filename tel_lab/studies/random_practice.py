@@ -35,7 +35,7 @@ from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.trajectories.paths import Path as JointPath
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import learner_context
+from tel_ros.recording.network_file import learner_context
 
 RANGE_MARGIN_RAD = 0.3
 """Random paths keep this far from the ends of the joints' ranges, so that there is room for an error."""

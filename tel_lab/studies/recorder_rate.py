@@ -36,7 +36,7 @@ from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.bag_writer import CHECKSUMS, BagWriter
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.trial_bag import check_bag, read_trial
 
 SAMPLE_RUN = ROOT / "bags" / "sample_run"

@@ -24,7 +24,7 @@ from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.trial import TrialReport
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 TOLERANCE_RAD = 0.005

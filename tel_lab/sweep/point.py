@@ -11,7 +11,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.trial import Outcome, Trial
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,21 +19,15 @@ _ASIDE = 0.2
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane to draw in.
-
-    Args:
-        origin_m: point of the plane that gets the coordinates (0, 0). Shape (3,).
-        axes: its two unit vectors, in rows. Shape (2, 3).
-        names: of the two axes.
-        out_of_plane_m: largest distance of a position from the plane that fits best.
-        principal: whether the axes are those of largest extent, not those of the base frame.
-    """
+    """A plane to draw in: an origin, shape (3,), and two unit vectors with their names, shape (2, 3)."""
 
     origin_m: FloatArray
     axes: FloatArray
     names: tuple[str, str]
     out_of_plane_m: float
+    """Largest distance of a position from it."""
     principal: bool
+    """Whether the axes are those of largest extent, not those of the base frame."""
 
     def project(self, positions_m: FloatArray) -> FloatArray:
         """Return the coordinates [m] in the plane of positions of shape (n, 3). Shape (n, 2)."""
@@ -68,8 +63,7 @@ def drawing_plane(positions_m: FloatArray) -> Plane:
     return Plane(centre, axes[:2], names, float(np.abs(off_m).max()), principal=True)
 
 
-@dataclass(frozen=True)
-class Viewpoint:
+class Viewpoint(NamedTuple):
     """Camera, target, upward direction in the base frame, shape (3,); and the diagonal of what is seen."""
 
     position_m: FloatArray
@@ -86,14 +80,13 @@ def viewpoint(positions_m: FloatArray) -> Viewpoint:
     low, high = positions_m.min(axis=0), positions_m.max(axis=0)
     target_m, size_m = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 0.1)
     plane = drawing_plane(positions_m)
-    up = np.array([0.0, 0.0, 1.0])
-    direction = np.array([1.0, -1.4, 0.8])
-    if not plane.principal:
-        normal = np.cross(plane.axes[0], plane.axes[1])
-        if plane.names == ("x", "y"):
-            direction, up = normal - _TILT * plane.axes[1], plane.axes[1]
-        else:
-            direction = normal + _TILT * up
+    up, normal = np.array([0.0, 0.0, 1.0]), np.cross(*plane.axes)
+    if plane.principal:
+        direction = np.array([1.0, -1.4, 0.8])
+    elif plane.names == ("x", "y"):
+        direction, up = normal - _TILT * plane.axes[1], plane.axes[1]
+    else:
+        direction = normal + _TILT * up
     direction = direction / np.linalg.norm(direction)
     target_m = target_m + _ASIDE * size_m * np.cross(up, direction)
     return Viewpoint(target_m + 1.05 * size_m * direction, target_m, up, size_m)

@@ -30,7 +30,7 @@ from tel_ros.core.trial import TrialGoal
 from tel_ros.nodes.runner import start_ros
 from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording import topics
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder, run_lock
 from tel_ros.recording.waypoint_file import load_known_path, load_path

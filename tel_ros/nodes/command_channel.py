@@ -22,11 +22,8 @@ class CommandChannel:
     It takes no values: there is no way around the source. Nothing else in the package makes a publisher of
     a command topic, so that whatever reaches an arm is found by looking for who uses this class.
 
-    Args:
-        node: that commands.
-        interface: of the arm.
-        author: put on the commands instead of the stamp that they answer; they then count as the answer to
-            the newest state. Empty: the stamp.
+    ``author`` is put on the commands instead of the stamp that they answer; they then count as the answer to
+    the newest state. Empty: the stamp.
     """
 
     def __init__(self, node: Node, interface: Literal["effort", "position"], author: str = "") -> None:

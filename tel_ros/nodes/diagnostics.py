@@ -41,12 +41,8 @@ class Health:
 class Diagnostics:
     """Publishes a node's health under the name ``node: task``, with the namespace in front.
 
-    Args:
-        node: the node.
-        task: what it is for.
-        hardware: which arm; a robot monitor groups by it.
-        health: asked ten times a second; a change of level or message is published at once.
-        group: of the timer.
+    A robot monitor groups by ``hardware``, the name of the arm. ``health`` is asked ten times a second; a
+    change of level or message is published at once.
     """
 
     def __init__(

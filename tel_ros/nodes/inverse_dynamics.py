@@ -20,8 +20,7 @@ from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import load_parameters
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
-from tel_ros.recording.network_file import load_network, revision, save_network
-from tel_ros.recording.new_network import PREDICTS_TORQUE, new_network
+from tel_ros.recording.network_file import PREDICTS_TORQUE, load_network, new_network, revision, save_network
 from tel_ros.recording.retraining import require_same_arm
 from tel_ros.recording.trial_bag import read_metadata, read_trial
 

@@ -141,6 +141,9 @@ class PracticeManagerNode(Node):
             result.outcome, result.message = summary.outcome, summary.message
         except TelError as error:
             result.outcome, result.message = "failed", str(error)
+        except BaseException:
+            self._busy = False  # else no other run would be taken up, and this node would not end
+            raise
         ended = f"run {result.run_dir} {result.outcome}" + (result.message and f": {result.message}")
         good = result.outcome in ("completed", "stopped", "cancelled")
         self.get_logger().info(ended) if good else self.get_logger().error(ended)

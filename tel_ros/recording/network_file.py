@@ -1,4 +1,4 @@
-"""Storing a learner in a file.
+"""The learner that a practice run begins with, and storing a learner in a file.
 
 Format ``tel_ros network 2``: a NumPy ``.npz`` archive (no pickles) with
 
@@ -23,17 +23,22 @@ from typing import get_args
 
 import numpy as np
 
-from tel_ros.core.config import LearningConfig
-from tel_ros.core.errors import NetworkFileError
+from tel_ros.core.config import Config, LearningConfig
+from tel_ros.core.errors import ConfigError, NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
 from tel_ros.core.learning.registry import learner_kind
+from tel_ros.core.practice.movement_path import desired_trajectory
+from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.shared_files import missing, replacing
+from tel_ros.recording.urdf import described, urdf_text
+from tel_ros.recording.waypoint_file import load_known_path, load_path
 
 FORMAT = "tel_ros network 2"
 _EXPECTED = "a network saved by tel_ros"
 _STATE = "state_"
 _USUAL: Predicts = "equilibrium"
+PREDICTS_TORQUE = "a network of practice, which predicts equilibrium points; this one predicts torque"
 
 
 def revision(learner: Learner) -> str:
@@ -86,28 +91,16 @@ def load_network(path: Path) -> Learner:
 
 
 def _header(learner: Learner, stored: StoredLearner) -> str:
-    context = learner.context
-    # Named only where it differs, so that the files and revisions of practice stay what they are.
-    predicts: dict[str, object] = {}
-    if context.predicts != _USUAL:
-        predicts = {"predicts": context.predicts, "std_factor": list(context.std_factor)}
-    return json.dumps(
-        {
-            "format": FORMAT,
-            "learner": context.learning.name,
-            "context": {
-                "joints": list(context.joints),
-                "stiffness_nm_per_rad": list(context.stiffness_nm_per_rad),
-                "damping_nms_per_rad": list(context.damping_nms_per_rad),
-                "learning": dataclasses.asdict(context.learning),
-                "seed": context.seed,
-                "urdf": context.urdf,
-                **predicts,
-            },
-            "state": dict(stored.header),
-        },
-        sort_keys=True,
-    )
+    context = {
+        field.name: getattr(learner.context, field.name)
+        for field in dataclasses.fields(LearnerContext)
+        if field.name != "input_range"
+    } | {"learning": dataclasses.asdict(learner.context.learning)}
+    if learner.context.predicts == _USUAL:
+        # Named only where it differs, so that the files and revisions of practice stay what they are.
+        del context["predicts"], context["std_factor"]
+    header = {"format": FORMAT, "learner": learner.context.learning.name, "context": context}
+    return json.dumps(header | {"state": dict(stored.header)}, sort_keys=True)
 
 
 def _arrays(learner: Learner, stored: StoredLearner) -> dict[str, np.ndarray]:
@@ -157,3 +150,53 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
         raise NetworkFileError(path, f"has the std_factor {factors}", "a finite number > 0 a joint")
     state = {name.removeprefix(_STATE): array for name, array in arrays.items()}
     return learner_kind(header["learner"]).restored(context, StoredLearner(header["state"], state))
+
+
+def learner_context(config: Config) -> LearnerContext:
+    """Return what a learner is told: among it, input ranges that cover all that practice may ask for."""
+    path, known_path = load_path(config.path, config.arm), load_known_path(config.path, config.arm)
+    ranges = [
+        InputRange.covering(
+            desired_trajectory(path, known_path, movement, config.control.rate_hz),
+            config.learning.input_margin,
+        )
+        for movement in make_strategy(config).movements_to_cover()
+    ]
+    return LearnerContext(
+        joints=config.arm.joints,
+        stiffness_nm_per_rad=config.arm.stiffness_nm_per_rad,
+        damping_nms_per_rad=config.arm.damping_nms_per_rad,
+        input_range=InputRange(
+            low=np.min([covered.low for covered in ranges], axis=0),
+            high=np.max([covered.high for covered in ranges], axis=0),
+        ),
+        learning=config.learning,
+        seed=config.seed,
+        urdf=urdf_text(described(config.arm)),
+    )
+
+
+def new_network(config: Config) -> Learner:
+    """Return the learner that a configuration asks for: an untrained one, or that of an earlier run.
+
+    Raises ConfigError or, about the file of the earlier run, NetworkFileError.
+    """
+    if config.learning.start_from:
+        return _earlier(config)
+    try:
+        return learner_kind(config.learning.name).new(learner_context(config))
+    except ConfigError as error:
+        raise error if error.key.startswith("learning.") else error.inside("learning") from None
+
+
+def _earlier(config: Config) -> Learner:
+    file, arm = config.learning.start_from, config.arm
+    learner = load_network(Path(file))
+    context = learner.context
+    if context.predicts == "torque":
+        raise ConfigError("learning.start_from", file, PREDICTS_TORQUE)
+    for name in ("joints", "stiffness_nm_per_rad", "damping_nms_per_rad"):
+        if (found := getattr(context, name)) != (expected := getattr(arm, name)):
+            wanted = f"a network for {name} {list(expected)}, not {list(found)}"
+            raise ConfigError("learning.start_from", file, wanted)
+    return learner

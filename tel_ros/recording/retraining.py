@@ -16,8 +16,7 @@ from tel_ros.core.errors import BagError, InputFileError, TrainingError
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.practice.session import learned_or_passed_over, trained
 from tel_ros.recording.config_file import with_overrides
-from tel_ros.recording.network_file import revision, save_network
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network, revision, save_network
 from tel_ros.recording.provenance import stored_config, stored_urdf, unpacked_config
 from tel_ros.recording.run_folder import (
     is_run_folder,

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tel_ros.core.config import Config, file_keys, file_values, with_files
-from tel_ros.core.errors import BagError, InputFileError
+from tel_ros.core.errors import BagError, InputFileError, NetworkFileError
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import config_from, dump_config, flat_values, load_config, read_yaml
 from tel_ros.recording.provenance import versions
@@ -126,17 +126,21 @@ def publish_network(folder: Path, index: int) -> None:
     """Make ``network/network.npz`` the network as it was after a trial: a second name of the same file.
 
     The change is atomic. A file system without hard links gets a copy. Files of networks are only ever
-    replaced, never written to, so the two names do not disturb each other.
+    replaced, never written to, so the two names do not disturb each other. NetworkFileError if the disk does
+    not take it.
     """
     file = folder / NETWORK_FILE
     beside = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-    beside.unlink(missing_ok=True)
     try:
-        beside.hardlink_to(network_after(folder, index))
-    except OSError:
-        shutil.copyfile(network_after(folder, index), beside)
-    beside.replace(file)
-    beside.unlink(missing_ok=True)  # rename does nothing where both are the same file already
+        beside.unlink(missing_ok=True)
+        try:
+            beside.hardlink_to(network_after(folder, index))
+        except OSError:
+            shutil.copyfile(network_after(folder, index), beside)
+        beside.replace(file)
+        beside.unlink(missing_ok=True)  # rename does nothing where both are the same file already
+    except OSError as error:
+        raise NetworkFileError(file, f"cannot be written ({error})", "a file that can be written") from error
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

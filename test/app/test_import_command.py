@@ -15,8 +15,7 @@ from tel_ros.app.cli import main
 from tel_ros.app.train import train
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.network_file import load_network, save_network
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import load_network, new_network, save_network
 
 ROOT = Path(__file__).parents[2]
 PLANAR_ARM = Path(sim_bridge.__file__).parent / "urdf" / "planar_arm.urdf"

@@ -14,8 +14,7 @@ from tel_ros.app.report.data import read_run
 from tel_ros.core.practice.strategy import Ending
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.network_file import load_network
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import load_network, new_network
 from tel_ros.recording.run_folder import json_ready, network_after
 from tel_ros.recording.waypoint_file import load_path
 

@@ -15,7 +15,7 @@ from tel_interfaces.msg import TrialResult
 from tel_lab.offline import OfflinePractice
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.run_folder import CONFIG_FILE
 from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.waypoint_file import load_path

@@ -11,7 +11,7 @@ import pytest
 
 from tel_lab.offline import OfflinePractice
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 CONFIG = Path(__file__).parents[2] / "config" / "planar_arm.yaml"

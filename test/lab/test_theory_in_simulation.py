@@ -14,7 +14,7 @@ from tel_lab.theory.constants import TheoryEstimate, TheoryMonitor
 from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"

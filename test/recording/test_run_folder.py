@@ -16,16 +16,18 @@ import yaml
 
 from tel_ros import __version__
 from tel_ros.core.config import Config, PathConfig
-from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.errors import ConfigError, InputFileError, NetworkFileError
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.network_file import save_network
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network, save_network
 from tel_ros.recording.run_folder import (
     CONFIG_FILE,
+    NETWORK_FILE,
     SUMMARY_FILE,
     create_run_folder,
+    network_after,
     open_run_folder,
+    publish_network,
     read_summary,
     trial_bag,
     write_atomically,
@@ -261,6 +263,17 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(OSError, match="disk full"):
         write_atomically(file, "new, but only half of")
     assert file.read_text() == "old"
+
+
+def test_a_network_that_the_disk_does_not_take_is_told_by_the_name_of_its_file(tmp_path: Path) -> None:
+    """What ends a run has to be an error of ours: the practice manager would never be free again."""
+    network_after(tmp_path, 1).parent.mkdir()
+    network_after(tmp_path, 1).write_text("network")
+    publish_network(tmp_path, 1)
+    (tmp_path / NETWORK_FILE).unlink()
+    (tmp_path / NETWORK_FILE / "in the way").mkdir(parents=True)
+    with pytest.raises(NetworkFileError, match=r"network\.npz: cannot be written"):
+        publish_network(tmp_path, 1)
 
 
 def test_a_write_leaves_nothing_but_the_file(tmp_path: Path) -> None:

@@ -27,8 +27,12 @@ from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.bag_format import typestore  # noqa: E402
 from tel_ros.recording.bag_writer import TrialBagWriter  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
-from tel_ros.recording.network_file import load_network, revision, save_network  # noqa: E402
-from tel_ros.recording.new_network import new_network  # noqa: E402
+from tel_ros.recording.network_file import (  # noqa: E402
+    load_network,
+    new_network,  # noqa: E402
+    revision,
+    save_network,
+)
 from tel_ros.recording.resumption import RecordedNetwork  # noqa: E402
 from tel_ros.recording.run_folder import (  # noqa: E402
     CONFIG_FILE,

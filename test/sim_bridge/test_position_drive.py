@@ -16,7 +16,7 @@ from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.new_network import new_network
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 CONFIG = Path(__file__).parents[2] / "config"

@@ -15,10 +15,9 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 def _formats(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
     """Return the formats in a list with commas, each once."""
     formats = tuple(dict.fromkeys(part.strip().lower() for part in value.split(",")))
-    for each in formats:
-        if each not in FIGURE_FORMATS:
-            expected = f"expected formats of {', '.join(FIGURE_FORMATS)}"
-            raise click.BadParameter(f"{each!r} in {value!r}; {expected}", context, option)
+    if unknown := [each for each in formats if each not in FIGURE_FORMATS]:
+        expected = f"expected formats of {', '.join(FIGURE_FORMATS)}"
+        raise click.BadParameter(f"{unknown[0]!r} in {value!r}; {expected}", context, option)
     return formats
 
 
@@ -46,17 +45,13 @@ def report(runs: tuple[Path, ...], formats: tuple[str, ...], out: Path | None, a
     With several runs, make one report that sets them side by side: errors, the last movements, and where the
     configurations differ. The page needs no other file; the figures are also written to the folder figures/.
     """
+    if len(runs) == 1 and out is not None:
+        raise TelError(f"--out is {out}; expected only with several runs, that of one is in its folder")
+    if len(runs) > 1 and out is None:
+        raise TelError("--out is not given; expected a folder for the report on several runs")
     # Imported late: plotting takes a second to import.
-    if len(runs) == 1:
-        if out is not None:
-            raise TelError(f"--out is {out}; expected only with several runs, that of one is in its folder")
-        from tel_ros.app.report.run import write_report
+    from tel_ros.app.report.run import write_report
+    from tel_ros.app.report.runs import write_runs_report
 
-        file = write_report(runs[0], formats)
-    else:
-        if out is None:
-            raise TelError("--out is not given; expected a folder for the report on several runs")
-        from tel_ros.app.report.runs import write_runs_report
-
-        file = write_runs_report(runs, out, formats)
+    file = write_report(runs[0], formats) if out is None else write_runs_report(runs, out, formats)
     click.echo(json.dumps({"report": str(file)}) if as_json else file)

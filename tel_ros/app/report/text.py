@@ -53,20 +53,19 @@ _ENDED = {
 
 def ending(run: RunData) -> str:
     """Return how the run ended."""
-    done = sum(trial.completed for trial in run.trials)
-    practice = run.config.practice
+    done, practice = sum(trial.completed for trial in run.trials), run.config.practice
+    message = run.message.rstrip(".")
     # A strategy that has come to its end needed no more trials than it made.
     over = run.outcome in ("completed", "stopped")
     planned = len(run.trials) if over else len(practice.durations_s) or practice.trials
     trials = f"{done} of {counted(planned, 'trial')} completed"
-    if run.outcome == "completed":
-        return f"{run.message.rstrip('.')}. {trials}." if run.message else f"{trials}."
     if run.outcome == "running":
         return f"The run did not come to its end (its summary still says that it is running); {trials}."
-    ended = f"The run {_ENDED.get(run.outcome, f'ended as “{run.outcome}”')}"
-    says_more = run.message and run.message.lower() != ended.lower()
-    why = f": {run.message.rstrip('.')}" if says_more else ""
-    return f"{ended}{why}. {trials}."
+    parts = [message, trials]
+    if run.outcome != "completed":
+        ended = f"The run {_ENDED.get(run.outcome, f'ended as “{run.outcome}”')}"
+        parts[0] = f"{ended}: {message}" if message and message.lower() != ended.lower() else ended
+    return " ".join(f"{part}." for part in parts if part)
 
 
 def result(run: RunData) -> str:
@@ -79,23 +78,16 @@ def result(run: RunData) -> str:
     completed = [trial for trial in moved if trial.completed]
     # Half a movement is neither the best nor the fastest.
     best = min(completed or moved, key=lambda trial: trial.rms_error_rad)
-    return (
-        f"RMS tracking error: {_error(moved[0])} at first, {_error(best)} at best, "
-        f"{_error(moved[-1])} in the end.{_speed_up(moved[0], completed)}"
-    )
-
-
-def _speed_up(first: TrialRow, completed: Sequence[TrialRow]) -> str:
+    found = f"RMS tracking error: {_error(moved[0])} at first, {_error(best)} at best, "
+    found += f"{_error(moved[-1])} in the end."
     if len(completed) < 2:
-        return ""
-    shortest_s = min(trial.duration_s for trial in completed)
-    faster = first.duration_s / shortest_s
+        return found
+    first_s, shortest_s = moved[0].duration_s, min(trial.duration_s for trial in completed)
+    faster = first_s / shortest_s
     if abs(faster - 1.0) < 1e-6:
-        return f" The speed stayed the same: {seconds(shortest_s)} a trial."
-    return (
-        f" From {seconds(first.duration_s)} to {seconds(shortest_s)}, the movement became "
-        f"{significant(faster, 2)} times as fast."
-    )
+        return f"{found} The speed stayed the same: {seconds(shortest_s)} a trial."
+    times = f"{significant(faster, 2)} times as fast"
+    return f"{found} From {seconds(first_s)} to {seconds(shortest_s)}, the movement became {times}."
 
 
 def _error(trial: TrialRow) -> str:

@@ -64,11 +64,7 @@ def round_up(value: float) -> float:
 class LiveTrial:
     """Gathers the samples of one trial: the path of the hand, and what is plotted over time.
 
-    Args:
-        goal: what the trial is to do.
-        std_rad: standard deviation expected of the error in û. Shape (n, n_joints), or empty: not known.
-        chain: from the base to the hand.
-        effort_limit_nm: of each joint.
+    ``std_rad`` is the standard deviation expected of the error in û. Shape (n, n_joints), or empty: unknown.
     """
 
     def __init__(
@@ -77,9 +73,8 @@ class LiveTrial:
         self.index, self.alpha = goal.index, goal.alpha
         self.duration_s = goal.desired.duration_s
         self._chain, self._limit_nm = chain, np.array(effort_limit_nm)
-        n_joints = goal.desired.n_joints
-        end_s = (1.0 + HOLD_SHARE) * self.duration_s
-        self.error_rad, self.speed_rad_s, self.effort_share = (GridSeries(n_joints, end_s) for _ in range(3))
+        grid = goal.desired.n_joints, (1.0 + HOLD_SHARE) * self.duration_s
+        self.error_rad, self.speed_rad_s, self.effort_share = (GridSeries(*grid) for _ in range(3))
         drawn = evenly_spaced(len(goal.equilibrium_rad), PATH_POINTS)
         self.desired_m = chain.hand_positions(goal.desired.position_rad[drawn])
         """Where the hand should go. Shape (n, 3)."""
@@ -94,9 +89,7 @@ class LiveTrial:
         self.desired_speed_rad_s = on_grid(goal.desired.velocity_rad_s)
         """Over the times of the grids. Shape (n_cells, n_joints)."""
         self.is_std_known = std_rad.shape == goal.equilibrium_rad.shape and bool(np.isfinite(std_rad).all())
-        self.std_rad = (
-            on_grid(std_rad) if self.is_std_known else np.full_like(self.desired_speed_rad_s, np.nan)
-        )
+        self.std_rad = on_grid(std_rad) if self.is_std_known else np.nan * self.desired_speed_rad_s
         """Of the error in û; NaN where nothing is known yet."""
         self._path_rad: list[FloatArray] = []
         self._gaps: list[int] = []

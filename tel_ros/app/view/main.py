@@ -126,12 +126,7 @@ def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 
 def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
-    """Show a graph until SIGINT or SIGTERM; print the link when the page is there.
-
-    Args:
-        config: of the run that is watched.
-        namespace: of the graph.
-        port: of the page; 0: any that is free.
+    """Show a graph until SIGINT or SIGTERM; print the link when the page is there. Port 0: any that is free.
 
     Raises:
         TelError: as :class:`LiveView`.

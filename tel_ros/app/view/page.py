@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,6 +56,8 @@ class Page:
         self._joints = [re.sub(r"[^\w .-]", "?", joint) for joint in arm.joints]  # names from a file
         self._prepare_scene(view)
         self._arm, self._ghost = self._robots(arm)
+        names = list(self._arm.get_actuated_joint_names())
+        self._places, self._posture = [names.index(joint) for joint in arm.joints], np.zeros(len(names))
         self._equilibrium = self._line("equilibrium", _GREY, 2.0)
         self._desired = self._line("desired", _DESIRED, 1.5)
         self._actual = self._line("actual", _ACTUAL, 4.0)
@@ -67,13 +69,17 @@ class Page:
 
     def show_arm(self, position_rad: FloatArray) -> None:
         """Show the arm at joint positions of shape (n_joints,)."""
-        self._arm.at(position_rad)
+        self._pose(self._arm, position_rad)
 
     def show_ghost(self, position_rad: FloatArray) -> None:
         """Show where the arm should be; with an empty array, nothing."""
         self._ghost_frame.visible = bool(len(position_rad))
         if len(position_rad):
-            self._ghost.at(position_rad)
+            self._pose(self._ghost, position_rad)
+
+    def _pose(self, drawn: ViserUrdf, position_rad: FloatArray) -> None:
+        self._posture[self._places] = position_rad
+        drawn.update_cfg(self._posture)
 
     def show_plan(self, trial: LiveTrial) -> None:
         """Show what a trial is to do, once, when it begins."""
@@ -145,14 +151,13 @@ class Page:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.up = position, tuple(view.target_m), tuple(view.up)
 
-    def _robots(self, arm: ArmConfig) -> tuple[_Robot, _Robot]:
+    def _robots(self, arm: ArmConfig) -> tuple[ViserUrdf, ViserUrdf]:
         try:
             urdf = _load(arm)
             self._server.scene.add_frame("/arm", show_axes=False)
             self._ghost_frame = self._server.scene.add_frame("/ghost", show_axes=False, visible=False)
             drawn = ViserUrdf(self._server, urdf, root_node_name="/arm")
-            ghost = ViserUrdf(self._server, urdf, root_node_name="/ghost", mesh_color_override=_GHOST)
-            return _Robot(drawn, arm.joints), _Robot(ghost, arm.joints)
+            return drawn, ViserUrdf(self._server, urdf, root_node_name="/ghost", mesh_color_override=_GHOST)
         except InputFileError:
             raise
         except Exception as error:  # its mesh readers raise anything
@@ -166,18 +171,20 @@ class Page:
 
     def _buttons_and_words(self) -> None:
         gui, controls = self._server.gui, self._controls
-        stop = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.ALERT_OCTAGON)
-        stop.on_click(lambda _: controls.emergency_stop())
+
+        def button(label: str, action: Callable[[], None], **look: Any) -> Any:
+            made = gui.add_button(label, **look)
+            made.on_click(lambda _: action())
+            return made
+
+        button("EMERGENCY STOP", controls.emergency_stop, color="red", icon=viser.Icon.ALERT_OCTAGON)
         self._words = gui.add_html("")
         self._bar = gui.add_progress_bar(0.0)
-        self._pause = gui.add_button("Pause after this trial", icon=viser.Icon.PLAYER_PAUSE)
-        self._pause.on_click(lambda _: controls.pause(True))
-        self._go_on = gui.add_button("Go on", visible=False, icon=viser.Icon.PLAYER_PLAY)
-        self._go_on.on_click(lambda _: controls.pause(False))
-        end = gui.add_button("Stop the run", color="gray", icon=viser.Icon.PLAYER_STOP)
-        end.on_click(lambda _: controls.end_run())
-        self._reset = gui.add_button("Reset the emergency stop", color="gray", disabled=True)
-        self._reset.on_click(lambda _: controls.reset())
+        pause, go_on = partial(controls.pause, True), partial(controls.pause, False)
+        self._pause = button("Pause after this trial", pause, icon=viser.Icon.PLAYER_PAUSE)
+        self._go_on = button("Go on", go_on, visible=False, icon=viser.Icon.PLAYER_PLAY)
+        button("Stop the run", controls.end_run, color="gray", icon=viser.Icon.PLAYER_STOP)
+        self._reset = button("Reset the emergency stop", controls.reset, color="gray", disabled=True)
         gui.add_html(
             f'<div style="font-size:12px;color:#777;{_INSET}">The buttons need this computer, the network and'
             " ep_controller to be well. They are no emergency stop by wire.</div>"
@@ -214,20 +221,6 @@ class Page:
         )
         self._table = gui.add_html("")
         return made
-
-
-class _Robot:
-    """A drawn arm; takes joint positions in the order of the configuration."""
-
-    def __init__(self, drawn: ViserUrdf, joints: Sequence[str]) -> None:
-        names = list(drawn.get_actuated_joint_names())
-        self._drawn = drawn
-        self._places = [names.index(joint) for joint in joints]
-        self._posture = np.zeros(len(names))
-
-    def at(self, position_rad: FloatArray) -> None:
-        self._posture[self._places] = position_rad
-        self._drawn.update_cfg(self._posture)
 
 
 def _load(arm: ArmConfig) -> yourdfpy.URDF:

@@ -20,8 +20,7 @@ from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
 from tel_ros.core.learning.registry import GROUP, learner_kind
 from tel_ros.core.learning.rigid_body import RigidBodyLearner
-from tel_ros.recording.network_file import load_network, save_network
-from tel_ros.recording.new_network import learner_context, new_network
+from tel_ros.recording.network_file import learner_context, load_network, new_network, save_network
 
 OURS = ("lms_tree", "rigid_body", "rigid_body+lms_tree")
 
