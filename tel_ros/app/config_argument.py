@@ -47,22 +47,19 @@ def overrides_option(about: str) -> Callable[[F], F]:
     return click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help=about)
 
 
-class Namespace(click.ParamType):
-    """A ROS namespace, with or without a slash at its beginning; it gets one."""
-
-    name = "namespace"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the full namespace."""
-        full = "/" + str(value).strip("/")
-        if full != "/" and not re.fullmatch(r"(/[A-Za-z][A-Za-z0-9_]*)+", full):
-            self.fail(f"{value!r} is no namespace; expected letters, digits and _, as in left or lab/left")
-        return full
+def _full_namespace(context: click.Context, option: click.Parameter, value: str) -> str:
+    """Return a ROS namespace with one slash, at its beginning."""
+    full = "/" + value.strip("/")
+    if full != "/" and not re.fullmatch(r"(/[A-Za-z][A-Za-z0-9_]*)+", full):
+        expected = "letters, digits and _, as in left or lab/left"
+        raise click.BadParameter(f"{value!r} is no namespace; expected {expected}", context, option)
+    return full
 
 
 namespace_option = click.option(
     "--namespace",
-    type=Namespace(),
+    metavar="NAMESPACE",
+    callback=_full_namespace,
     default="/",
     help="ROS namespace of the arm and of all nodes, e.g. left: two arms can practise side by side.",
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import fields
 from typing import Any
 
@@ -47,15 +47,12 @@ def timing_fields(timing: LoopTiming | None) -> dict[str, Any]:
 
 def report_of(result: Any) -> TrialReport:
     """Return the report in a ``TrialResult``, of an earlier version as well."""
-    values: dict[str, Any] = {}
-    for field in fields(TrialReport):
-        if field.name == "timing":
-            values["timing"] = _timing(result)
-        elif field.name.endswith("_ns"):
-            values[field.name] = time_ns(getattr(result, field.name.removesuffix("_ns") + "_stamp"))
-        else:
-            values[field.name] = _READERS[str(field.type)](getattr(result, field.name))
-    return TrialReport(**values)
+    # Bags from before results had a timing have no such fields; NaN says that it was not measured.
+    measured = not math.isnan(getattr(result, "jitter_max_s", math.nan))
+    values: dict[str, Any] = {"timing": LoopTiming(**_read(LoopTiming, result)) if measured else None}
+    for name in (field.name for field in fields(TrialReport) if field.name.endswith("_ns")):
+        values[name] = time_ns(getattr(result, name.removesuffix("_ns") + "_stamp"))
+    return TrialReport(**values, **_read(TrialReport, result, left_out=values))
 
 
 _READERS: dict[str, Callable[[Any], Any]] = {
@@ -67,13 +64,10 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def _timing(result: Any) -> LoopTiming | None:
-    # Bags from before results had them have no such fields; NaN says that it was not measured.
-    if math.isnan(getattr(result, "jitter_max_s", math.nan)):
-        return None
-    return LoopTiming(
-        **{
-            field.name: _READERS[str(field.type)](getattr(result, _MESSAGE_NAME.get(field.name, field.name)))
-            for field in fields(LoopTiming)
-        }
-    )
+def _read(record: type, result: Any, left_out: Container[str] = ()) -> dict[str, Any]:
+    """Return the fields of a record that the message has under the same names."""
+    return {
+        field.name: _READERS[str(field.type)](getattr(result, _MESSAGE_NAME.get(field.name, field.name)))
+        for field in fields(record)
+        if field.name not in left_out
+    }

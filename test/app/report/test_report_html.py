@@ -147,7 +147,7 @@ def test_a_trial_without_a_movement_is_left_out_of_the_figures_and_said_to_be(ba
 
 
 def test_a_missing_bag_is_named_and_does_not_keep_the_others_from_being_drawn(bad_report: Path) -> None:
-    expected = "Trial 3 is not drawn: its bag cannot be used: trial_003: there is no such folder"
+    expected = "Trial 3 is not drawn: its bag cannot be used: trial_003: there is no such file or folder"
     assert expected in Page(bad_report).text
 
 
