@@ -17,7 +17,6 @@ from typing import Any
 import click
 import numpy as np
 import yaml
-from tel_ros.recording.new_network import new_network
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.study import StudyOptions, study
@@ -28,6 +27,7 @@ from tel_ros.core.plain_urdf import check_dynamics
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.urdf import Urdf
 from tel_ros.recording.config_file import load_config
+from tel_ros.recording.network_file import new_network
 from tel_ros.recording.urdf import read_urdf
 from tel_ros.recording.waypoint_file import load_path
 
