@@ -61,7 +61,9 @@ def judged(package: str, folder: Path, file: Path) -> Judged:
         with tempfile.TemporaryDirectory() as scratch:
             report = practised(urdf, file, joints, Path(scratch))
     except TelError as error:
-        said = str(error).replace(f"{file}: ", "").replace(str(file), "the file")
+        said = str(error)
+        for path in (str(file), str(file.resolve())):
+            said = said.replace(f"{path}: ", "").replace(path, "the file")
         return Judged(package, name, REFUSED, said)
     if report.outcome is Outcome.COMPLETED:
         return Judged(package, name, COMPLETED, f"{1e3 * report.rms_error_rad:.2f} mrad RMS")

@@ -243,5 +243,5 @@ def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:
     if config.run.arm == "sim":
         check_dynamics(arm, config.arm.hand_link, config.sim.payload_kg)
     if arm.assumed:
-        warnings.warn(f"{config.arm.urdf}: {arm.assumed}", UserWarning, stacklevel=3)
+        warnings.warn(f"{Path(config.arm.urdf).name}: {arm.assumed}", stacklevel=3)
     return filled
