@@ -18,8 +18,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--setup", nargs="+", choices=sorted(SETUPS), default=[])
     group.addoption("--domain", type=int, default=20, help="first ROS domain; 20 for each job are used")
     group.addoption("--work", type=Path, default=Path("/tmp/tel_faults"), help="for runs and results")
-    again = "inject these again; what was found before stays on the page"
-    group.addoption("--again", nargs="+", type=int, default=[], metavar="INDEX", help=again)
     group.addoption("--stored", action="store_true", help="inject nothing; tell what is stored")
     group.addoption("--keep", action="store_true", help="keep the runs of faults without a violation, too")
     page = "where to write the page; docs/faults.md unless --only or --setup is given"

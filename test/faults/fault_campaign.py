@@ -8,7 +8,7 @@ import multiprocessing
 import shutil
 import sys
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
@@ -21,8 +21,6 @@ from fault_setups import SETUPS
 
 PROCESSES = 3
 """So many a batch may use up."""
-SUPERSEDED = "superseded.jsonl"
-"""Beside the results: those of faults that were injected again when asked to."""
 DOMAINS_PER_JOB = 20
 """A graph gets another domain than the one before it: what that has left behind must not answer."""
 
@@ -77,16 +75,7 @@ def _run_graph(
 
 
 def stored(results: Path, faults: Sequence[Fault]) -> list[Row]:
-    """Return the rows of these very faults that are in the file already, with what was found before."""
-    rows = {row.fault.index: row for row in _read(results, faults)}
-    for before in reversed(_read(results.with_name(SUPERSEDED), faults)):
-        row = rows.get(before.fault.index)
-        if row is not None and before.violations:
-            row.earlier.insert(0, f"{'; '.join(before.violations)} (injected again when asked to)")
-    return list(rows.values())
-
-
-def _read(results: Path, faults: Sequence[Fault]) -> list[Row]:
+    """Return the rows of these very faults that are in the file already."""
     if not results.exists():
         return []
     wanted = {fault.index: asdict(fault) for fault in faults}
@@ -97,17 +86,6 @@ def _read(results: Path, faults: Sequence[Fault]) -> list[Row]:
         if wanted.get(fault["index"]) == fault:
             rows.append(Row(Fault(**fault), **values))
     return rows
-
-
-def set_aside(results: Path, again: Collection[int]) -> None:
-    """Move the results of some faults to another file, so that they are injected again."""
-    lines = results.read_text(encoding="utf-8").splitlines(keepends=True)
-    aside = [line for line in lines if json.loads(line)["fault"]["index"] in again]
-    with results.with_name(SUPERSEDED).open("a", encoding="utf-8") as file:
-        file.writelines(aside)
-    rest = results.with_suffix(".rest")
-    rest.write_text("".join(line for line in lines if line not in aside), encoding="utf-8")
-    rest.replace(results)
 
 
 def run_apart(

@@ -133,11 +133,16 @@ class FaultGraph:
         process = self._nodes[name]
         process.send_signal(signal.SIGSTOP)
 
-        def go_on() -> None:
-            with suppress(psutil.NoSuchProcess):
-                process.send_signal(signal.SIGCONT)
+        self.later(pause_s, lambda: process.send_signal(signal.SIGCONT))
 
-        self._timers.append(threading.Timer(pause_s, go_on))
+    def later(self, wait_s: float, act: Callable[[], None]) -> None:
+        """Do something to a process after a time of the wall clock, if it is still there."""
+
+        def act_if_there() -> None:
+            with suppress(psutil.NoSuchProcess):
+                act()
+
+        self._timers.append(threading.Timer(wait_s, act_if_there))
         self._timers[-1].start()
 
     def send(self, name: str, number: signal.Signals) -> None:

@@ -15,7 +15,8 @@ import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, FaultGraph
 from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, judge
-from fault_kinds import ANY_REASON, FROZEN_RAD, KINDS, SILENCE_S, Kind
+from fault_kind import Kind
+from fault_kinds import ANY_REASON, FROZEN_RAD, KINDS, SILENCE_S
 from fault_plan import Fault
 from fault_tap import Heard
 from rclpy.serialization import deserialize_message
@@ -130,9 +131,6 @@ class Injection:
             later = [h for k, h in self._tap.begun.items() if k > self._trial and h.wall_s > over_wall_s]
             return bool(later) and not kind.ends_run
 
-        if kind.interrupt_after_s is not None:
-            self._graph.wait(self._graph.ended, kind.interrupt_after_s)
-            self._graph.send("tel", signal.SIGINT)
         if not self._graph.wait(lambda: self._graph.ended() or next_trial(), END_TIMEOUT_S):
             row.violations.append(f"neither the run's end nor another trial came in {END_TIMEOUT_S:.0f} s")
             self._give_up()

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import signal
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import fault_messages as m
-import numpy as np
 from fault_judge import Expectation
-from fault_setups import COMMAND_AGE_LIMIT_S, TRIAL_S, WATCHDOG_S
+from fault_kind import IN_BETWEEN, Act, Kind
+from fault_setups import COMMAND_AGE_LIMIT_S, WATCHDOG_S
 from std_msgs.msg import Float64MultiArray
 
 from tel_ros.app.bring_up import MODULES
@@ -20,14 +19,13 @@ from tel_ros.app.bring_up import MODULES
 if TYPE_CHECKING:
     from fault_graph import FaultGraph
 
-Act = Callable[["FaultGraph", m.Parameters], None]
-IN_BETWEEN = ("planar", "planar_3", "iiwa")
 LOCKSTEP = ("lockstep", "iiwa_lockstep")
 EVERYWHERE = (*IN_BETWEEN, *LOCKSTEP)
+WHERE = {"arm_guard": IN_BETWEEN}  # an arm in lockstep waits for commands and needs no guard
 OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
 """Nodes that a trial does not need once it has begun."""
 STATES_LOST = (
-    r"no joint state|no joint states|joint states come|stamps of the joint states|off its desired|moves at|"
+    r"no (new )?joint state|joint states come|stamps of the joint states|off its desired|moves at|"
     r"is at |does not exert what it is commanded|are frozen"
 )
 ANY_REASON = STATES_LOST + r"|no effort command|not at rest"
@@ -36,88 +34,25 @@ SILENCE_S = 0.1
 """The controller's time-out for states."""
 
 
-@dataclass(frozen=True)
-class Kind:
-    """One kind of fault.
-
-    Args:
-        name: as in results; what begins with ``state_`` or ``command_`` disturbs that channel.
-        what: what is done, for the page.
-        right: what is right then, and why, for the page.
-        draw: makes the parameters of one fault.
-        expects: what is right, for all parameters or as a function of them.
-        says: what has to be said, as a regular expression, if the trial is not completed.
-        change: makes what happens to the messages of the channel, from all parameters but the duration.
-        act: injects a fault that does not change messages.
-        setups: names of the graphs that it is injected into.
-        codes: with what ``tel practice`` may exit; empty if the run survives.
-        weight: how often it is drawn.
-        interrupt_after_s: when somebody presses Ctrl-C (wall clock); None: nobody does.
-        window_s: when in a trial it is injected; None: before the first one, as the graph comes up.
-    """
-
-    name: str
-    what: str
-    right: str
-    draw: m.Draw
-    expects: Expectation | Callable[[m.Parameters], Expectation]
-    says: str
-    change: Callable[..., m.Corruption] | None = None
-    act: Act | None = None
-    setups: tuple[str, ...] = IN_BETWEEN
-    codes: tuple[int, ...] = ()
-    weight: float = 1.0
-    interrupt_after_s: float | None = None
-    window_s: tuple[float, float] | None = (0.05, TRIAL_S - 0.3)
-
-    @property
-    def ends_run(self) -> bool:
-        """Whether the run is over then."""
-        return bool(self.codes)
-
-    def expectation(self, parameters: m.Parameters) -> Expectation:
-        """Return what is right for these parameters."""
-        return self.expects(parameters) if callable(self.expects) else self.expects
-
-    def corruption(self, parameters: m.Parameters) -> m.Corruption | None:
-        """Return what happens to messages, if anything does."""
-        values = {name: value for name, value in parameters.items() if name != "duration_s"}
-        return self.change(**values) if self.change else None
-
-    def inject(self, graph: FaultGraph, parameters: m.Parameters) -> None:
-        """Do it to a running graph."""
-        corruption = self.corruption(parameters)
-        if corruption:
-            channel = "states" if self.name.startswith("state_") else "commands"
-            graph.tap.corrupt(channel, corruption, parameters["duration_s"])
-        elif self.act:
-            self.act(graph, parameters)
-
-
 def _by_length(parameters: m.Parameters) -> Expectation:
     """Shorter than the time-out it must not matter, longer it must stop the arm."""
     return "ride" if parameters["duration_s"] < 0.5 * SILENCE_S else "stop"
 
 
 def _states_of_another_driver(graph: FaultGraph, values: m.Parameters) -> None:
-    graph.tap.intrude(
-        "states", lambda: graph.tap.resting_state(graph.config.arm.joints), values["duration_s"]
-    )
+    joints = graph.config.arm.joints
+    graph.tap.intrude("states", lambda: graph.tap.resting_state(joints), values["duration_s"])
 
 
 def _commands_of_another_controller(graph: FaultGraph, values: m.Parameters) -> None:
-    effort_nm = values["share_of_limit"] * np.array(graph.config.arm.effort_limit_nm)
-    message = Float64MultiArray(data=effort_nm.tolist())
+    message = Float64MultiArray(
+        data=[values["share_of_limit"] * limit for limit in graph.config.arm.effort_limit_nm]
+    )
     graph.tap.intrude("commands", lambda: message, values["duration_s"])
 
 
 _WATCHDOG = f"The arm's own watchdog takes the effort away after {1e3 * WATCHDOG_S:.0f} ms; "
 _BRAKES = "The controller brakes the arm, then its effort goes to zero."
-
-
-def _where(node: str) -> tuple[str, ...]:
-    """Return the graphs that have a node: an arm in lockstep waits for commands and needs no guard."""
-    return IN_BETWEEN if node == "arm_guard" else EVERYWHERE
 
 
 def _state(name: str, what: str, draw: m.Draw, expects: Any, change: Any, right: str, **more: Any) -> Kind:
@@ -161,15 +96,16 @@ def _killed(node: str, says: str = "", **more: Any) -> Kind:
 def _hung(node: str, says: str, **more: Any) -> Kind:
     right = "The trial goes on; the run ends when it is noticed that the node does not answer."
     more = {"what": "SIGSTOP for good", "right": right, "setups": ("lockstep",), "weight": 0.2, **more}
-    more.setdefault("codes", (3,))
-    return _ending(f"hang_{node}", says=says, act=_sent(node, signal.SIGSTOP), **more)
+    more = {"codes": (3,), "act": _sent(node, signal.SIGSTOP), **more}
+    return _ending(f"hang_{node}", says=says, **more)
 
 
-def _called(name: str, right: str, **more: Any) -> Kind:
-    what, act = "somebody calls /safety/stop", lambda graph, values: graph.tap.emergency_stop()
-    return _ending(name, what, "emergency stop", (1,), act, right, **more)
+def _hung_then_interrupted(graph: FaultGraph, values: m.Parameters) -> None:
+    graph.send("inverse_dynamics", signal.SIGSTOP)
+    graph.later(10.0, lambda: graph.send("tel", signal.SIGINT))
 
 
+_CALLED = ("somebody calls /safety/stop", "emergency stop", (1,), lambda graph, _: graph.tap.emergency_stop())
 _JOINT_FIELDS = ("name", "position", "velocity", "effort")
 _STATES = (
     _unusable("nan", "NaN as a position", partial(m.overwritten, "position", value=math.nan)),
@@ -291,7 +227,13 @@ _PAUSES = (
         what="SIGSTOP for 0.2 to 1.5 s: the driver stands still",
     ),
     *(
-        _paused(node, "Outside the control loop: the trial goes on.", "ride", setups=_where(node), weight=0.5)
+        _paused(
+            node,
+            "Outside the control loop: the trial goes on.",
+            "ride",
+            setups=WHERE.get(node, EVERYWHERE),
+            weight=0.5,
+        )
         for node in (*OUTSIDE_THE_LOOP, "tel")
     ),
 )
@@ -303,7 +245,7 @@ _ENDINGS = (
         setups=EVERYWHERE,
         weight=1.0,
     ),
-    *(_killed(node, setups=_where(node)) for node in OUTSIDE_THE_LOOP),
+    *(_killed(node, setups=WHERE.get(node, EVERYWHERE)) for node in OUTSIDE_THE_LOOP),
     _killed(
         *("sim_bridge", "|no joint state|the arm is not there"),
         what="SIGKILL: the driver of the arm is gone",
@@ -321,9 +263,12 @@ _ENDINGS = (
         *(_sent("tel", signal.SIGINT), _BRAKES),
         setups=EVERYWHERE,
     ),
-    _called("emergency_stop", "The arm is braked and released; the run ends and says why.", expects="stop"),
-    _called(
-        "emergency_stop_in_lockstep",
+    _ending(
+        *("emergency_stop", *_CALLED, "The arm is braked and released; the run ends and says why."),
+        expects="stop",
+    ),
+    _ending(
+        *("emergency_stop_in_lockstep", *_CALLED),
         "As in real time, once the controller has seen the call: the arm's time may go on until then.",
         setups=LOCKSTEP,
         weight=0.3,
@@ -342,7 +287,7 @@ _ENDINGS = (
         what="SIGSTOP for good, and Ctrl-C 10 s later",
         right="Learning may take minutes: the run waits for 600 s, and the arm is held. Ctrl-C ends the run.",
         codes=(130,),
-        interrupt_after_s=10.0,
+        act=_hung_then_interrupted,
     ),
     _ending(
         *("disk_full", "the disk with the run's folder has no free block any more (ENOSPC)"),

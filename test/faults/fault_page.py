@@ -99,8 +99,7 @@ def _summary(rows: Sequence[Row], judged: Sequence[Row]) -> str:
             f" {repeated} faults were injected again, {TRIES - 1} times at most, because something else had "
             f"disturbed them: the machine stood still for more than {1e3 * STALL_S:.0f} ms (where the trial "
             f"should ride the fault out, the controller's process for {1e3 * UNEXPLAINED_S:.0f} ms), or the "
-            "run ended before the fault came; or because the judge was mended. The last time counts; what "
-            "was found before is below."
+            "run ended before the fault came. The last time counts; what was found before is below."
         )
     if len(judged) < len(rows):
         reasons = sorted({row.skipped for row in rows if row.skipped})

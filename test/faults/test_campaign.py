@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fault_campaign import campaign, line, run_apart, set_aside, stored
+from fault_campaign import campaign, line, run_apart, stored
 from fault_page import table, write_page
 from fault_plan import plan
 from fault_setups import ROOT
@@ -48,8 +48,6 @@ def test_no_fault_of_the_campaign_leads_to_a_violation(
     work = options.work / f"seed_{options.seed}"
     work.mkdir(parents=True, exist_ok=True)
     results = work / "results.jsonl"
-    if options.again and results.exists():
-        set_aside(results, options.again)
     done = {row.fault.index for row in stored(results, faults)}
     left = [fault for fault in faults if fault.index not in done and not options.stored]
     started, skipped = time.monotonic(), []

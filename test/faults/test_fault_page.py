@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fault_campaign import set_aside, stored
+from fault_campaign import stored
 from fault_injection import Row
 from fault_page import table, write_page
 from fault_plan import Fault, plan
@@ -69,29 +68,4 @@ def test_an_interrupted_campaign_goes_on_with_the_faults_that_are_not_stored(tmp
     results.write_text("".join(row.as_json() + "\n" for row in done))
     assert stored(results, faults) == done
     assert stored(tmp_path / "nothing.jsonl", faults) == []
-
-
-def test_results_of_another_campaign_are_not_taken_for_this_one(tmp_path: Path) -> None:
-    results = tmp_path / "results.jsonl"
-    results.write_text("".join(Row(fault).as_json() + "\n" for fault in plan(6, 1)))
-    assert stored(results, plan(6, 2)) == []
-
-
-def test_what_was_found_before_a_fault_was_injected_again_is_kept(tmp_path: Path, rows: list[Row]) -> None:
-    results = tmp_path / "results.jsonl"
-    faults = [row.fault for row in rows]
-
-    def store(*violations: str) -> None:
-        with results.open("a", encoding="utf-8") as file:
-            file.write(replace(rows[0], violations=list(violations)).as_json() + "\n")
-
-    results.write_text("".join(row.as_json() + "\n" for row in rows[1:3]), encoding="utf-8")
-    for violation in ("first", "second"):
-        store(violation)
-        set_aside(results, [faults[0].index])
-        assert faults[0] not in [row.fault for row in stored(results, faults)], "it is to be injected again"
-    store()
-    found = {row.fault.index: row for row in stored(results, faults)}
-    assert [text.split()[0] for text in found[faults[0].index].earlier] == ["first", "second"]
-    assert found[faults[0].index].violations == []
-    assert found[faults[1].index] == rows[1]
+    assert stored(results, plan(6, 2)) == [], "those of another campaign"
