@@ -12,7 +12,7 @@ import numpy as np
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
-from tel_ros.core.safety.motion_rules import largest_inertia
+from tel_ros.core.safety.motion_rules import largest_inertia, soft_range
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 
@@ -88,7 +88,8 @@ class FrozenReadings:
       (``safety.stiction_nm``; twice as much against the way that it came, half as much along it), or by a
       little, where the velocity is the same as well and not zero, or where velocities are estimated from
       positions and the joint has stopped dead. It must act for long enough to move all the inertia that the
-      springs can damp (:func:`~.motion_rules.largest_inertia`).
+      springs can damp (:func:`~.motion_rules.largest_inertia`). Not beyond a soft limit, where a joint may
+      lean on a stop.
 
     An encoder at rest gives the same position for ever, and a slow one with 12 bits does for 0.1 s: neither
     contradicts itself. Position drives have no springs to wind up here: their efforts are not judged.
@@ -118,9 +119,10 @@ class FrozenReadings:
         stiction_nm: Sequence[float],
         little_nm: Sequence[float],
         inertia_kgm2: Sequence[float],
+        soft_range_rad: tuple[FloatArray, FloatArray],
     ) -> None:
         self._joints, self._inertia_kgm2 = tuple(joints), inertia_kgm2
-        self._stiction_nm, self._little_nm = stiction_nm, little_nm
+        self._stiction_nm, self._little_nm, self._soft_range = stiction_nm, little_nm, soft_range_rad
         self._seen: list[FrozenJoint] = []
         self._last_ns, self._step_s = 0, 0.0
         self.fault = ""
@@ -134,7 +136,7 @@ class FrozenReadings:
         little = [cls.LITTLE_SHARE * limit for limit in limits]
         never = [float("inf")] * len(limits)
         stuck = (stiction, little) if judged else (never, never)
-        return cls(arm.joints, *stuck, largest_inertia(arm).tolist())
+        return cls(arm.joints, *stuck, largest_inertia(arm).tolist(), soft_range(arm, safety))
 
     def look(self, state: ArmState, acted_nm: FloatArray, longest_gap_s: float) -> None:
         """Take in a state and the effort that acted until then. Shape (n_joints,)."""
@@ -168,9 +170,9 @@ class FrozenReadings:
                 stuck_nm = self._stiction_nm[j] * (0.5 if along > 0.0 else 2.0 if along else 1.0)
             joint.pulled_s = joint.pulled_s + self._step_s if abs(change_nm) > stuck_nm else 0.0
             way_rad = 0.5 * abs(change_nm) / self._inertia_kgm2[j] * joint.pulled_s**2
-            if joint.pulled_s > self.PULLED_S and way_rad > self.PULLED_STEPS * (
-                joint.step_rad or self.USUAL_STEP_RAD
-            ):
+            low_rad, high_rad = self._soft_range[0][j], self._soft_range[1][j]
+            free = low_rad <= joint.position <= high_rad and joint.pulled_s > self.PULLED_S
+            if free and way_rad > self.PULLED_STEPS * (joint.step_rad or self.USUAL_STEP_RAD):
                 return f"{stays}while its effort has changed by {abs(change_nm):.2f} N·m"
         elif joint.told_for >= self.STATES and told_s >= self.PATIENCE_S:
             moved = state.position_rad[j] - joint.position_at

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from two_link import ARM, arm_config, reach
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.safety.gate import StateGate
+from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.trial import Outcome, Tick, TrialGoal, TrialReport
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "contract"))
@@ -125,6 +127,17 @@ def test_encoders_at_rest_and_slow_ones_are_not_taken_for_frozen(
     for _ in range(500):  # held at rest
         rig.step()
     assert rig.controller.stopped_for is None
+
+
+@pytest.mark.parametrize(("position_rad", "is_frozen"), [(2.0, True), (2.85, False), (-2.9, False)])
+def test_a_joint_that_leans_on_its_stop_is_not_frozen(position_rad: float, is_frozen: bool) -> None:
+    layer = SafetyLayer(arm_config(), SafetyConfig(), 500.0)
+    for k in range(200):
+        where = ArmState(2_000_000 * (k + 1), np.array([position_rad, 0.0]), np.zeros(2))
+        layer.permit(where, np.array([-0.05 * k * np.sign(position_rad), 0.0]))
+        if layer.readings.fault:
+            break
+    assert bool(layer.readings.fault) == is_frozen
 
 
 def test_a_stop_for_frozen_readings_is_left_by_a_reset() -> None:
