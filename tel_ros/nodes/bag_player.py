@@ -81,7 +81,7 @@ class BagPlayer:
         self._feeds_nodes = any(topic.name == topics.JOINT_STATES for topic in replay.topics)
         start_ros()
         # Two replays may run side by side.
-        self.node = Node(f"bag_player_{os.getpid()}", namespace=namespace, start_parameter_services=False)
+        self.node = Node(f"bag_player_{os.getpid()}", namespace=namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         try:
