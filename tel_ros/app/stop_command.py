@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import click
 
@@ -10,7 +11,9 @@ from tel_ros import local_stop
 from tel_ros.app.errors import EXIT_GRAPH_FAILED, EXIT_NOT_COMPLETED, GraphError
 from tel_ros.local_stop import RESET, STOP, Answer
 
-NETWORK_TIMEOUT_S = 5.0
+NETWORK_TIMEOUT_S = 8.0
+DISCOVERY_S = 4.0
+"""How long to look for more controllers; each is told as soon as it is found."""
 _NO_ANSWER = "no answer: use the emergency stop by wire"
 
 _only = click.option("--namespace", help="Only the controller in this ROS namespace. Default: all.")
@@ -88,20 +91,22 @@ def _asked_over_network(request: str, namespace: str | None) -> dict[str, Answer
     node, executor = Node(f"tel_{request}"), SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        end, names = time.monotonic() + NETWORK_TIMEOUT_S, list[str]()
-        while not names and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.1)
-            found = [name for name, _ in node.get_service_names_and_types() if topics.is_named(name, topic)]
-            names = [name for name in found if namespace is None or name == topics.absolute(topic, namespace)]
-        answers: dict[str, Answer | None] = {}
-        for name in names:
-            client = node.create_client(Trigger, name)
-            client.wait_for_service(NETWORK_TIMEOUT_S)
-            future = client.call_async(Trigger.Request())
-            executor.spin_until_future_complete(future, NETWORK_TIMEOUT_S)
-            said = future.result()
-            answers[name] = Answer(said.success, said.message) if said else None
-        return answers
+        begun, answered = time.monotonic(), False
+        clients, futures = dict[str, Any](), dict[str, Any]()
+        while time.monotonic() - begun < (DISCOVERY_S if answered else NETWORK_TIMEOUT_S):
+            executor.spin_once(timeout_sec=0.05)
+            for name, _ in node.get_service_names_and_types():
+                wanted = namespace is None or name == topics.absolute(topic, namespace)
+                if wanted and topics.is_named(name, topic) and name not in clients:
+                    clients[name] = node.create_client(Trigger, name)
+            for name, client in clients.items():
+                if name not in futures and client.service_is_ready():
+                    futures[name] = client.call_async(Trigger.Request())
+            answered = bool(futures) and all(name in futures and futures[name].done() for name in clients)
+        said = {name: future.result() for name, future in futures.items() if future.done()}
+        return {
+            name: Answer(said[name].success, said[name].message) if name in said else None for name in clients
+        }
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
