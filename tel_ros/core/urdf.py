@@ -22,7 +22,7 @@ _MARKS = {
     b"<\0?\0": "utf-16-le",
     b"\0<\0?": "utf-16-be",
 }
-_DECLARATION = re.compile(r"""(<\?xml\b[^>]*?)\s+encoding\s*=\s*["']([\w.:-]*)["']""")
+DECLARATION = re.compile(r"""(<\?xml\b[^>]*?)\s+encoding\s*=\s*["']([\w.:-]*)["']""")
 _NOT_A_URDF = {
     r"<!doctype html|<html": "is an HTML page, as a server sends it for a file that it does not have",
     r"version https://git-lfs": "is a pointer of Git LFS: the file itself was not fetched (git lfs pull)",
@@ -120,7 +120,7 @@ class Urdf:
 
     def _decoded(self, content: bytes) -> str:
         marked = next((name for mark, name in _MARKS.items() if content.startswith(mark)), "")
-        declared = _DECLARATION.match(content[:300].decode("latin-1").lstrip())
+        declared = DECLARATION.match(content[:300].decode("latin-1").lstrip())
         name = marked or (declared and declared[2]) or "utf-8"
         said = f"declares the encoding {name!r}" if declared or marked else "declares no encoding"
         wide = re.match(r"utf.?(16|32)|ucs|iso.?10646", name, re.IGNORECASE)
@@ -130,7 +130,7 @@ class Urdf:
             text = content.decode(name)
         except (ValueError, LookupError) as error:
             raise self.refused(f"{said}, and cannot be decoded so ({error})", EXPECTED) from error
-        return text if name.lower() in ("utf-8", "utf8") else _DECLARATION.sub(r"\1", text, count=1)
+        return text if name.lower() in ("utf-8", "utf8") else DECLARATION.sub(r"\1", text, count=1)
 
     def _parsed(self, text: str) -> Element:
         for start, what in _NOT_A_URDF.items():

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from tel_ros.core.errors import TelError
+from tel_ros.core.urdf import DECLARATION
 from tel_ros.nodes import qos
 from tel_ros.nodes.runner import start_ros
 from tel_ros.recording import topics
@@ -63,5 +64,6 @@ def _heard(topic: str, context: Context) -> Path:
     folder = Path(tempfile.mkdtemp(prefix="tel_ros_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     file = folder / "robot_description.urdf"
-    file.write_text(heard[-1].data, encoding="utf-8")
+    # What the text declares was true of the file that it came from.
+    file.write_text(DECLARATION.sub(r"\1", heard[-1].data, count=1), encoding="utf-8")
     return file

@@ -46,7 +46,7 @@ def test_practice_takes_the_description_from_the_topic_and_stores_it_like_a_file
     assert summary_of(out)["outcome"] == "completed"
     assert (run.folder / "robot_description.urdf").read_text() == described
     (bag,) = trial_bags(run.folder)
-    assert stored_urdf(bag, read_trial(bag).metadata) == described
+    assert stored_urdf(bag, read_trial(bag).metadata).decode() == described
 
 
 def test_a_node_waits_for_the_description_under_its_own_names(described: str) -> None:
