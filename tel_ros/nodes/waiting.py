@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters
-from rclpy.action.client import ActionClient, ClientGoalHandle
+from rclpy.action.client import ActionClient
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -65,8 +65,6 @@ def ask(
     again_s: float = math.inf,
 ) -> Any:
     """Call a service, once it is there, and return its response.
-
-    The first answer after the start of two nodes may be lost, although the service is there.
 
     Args:
         client: of the service.
@@ -141,6 +139,14 @@ class Liveness:
         self.met, self._silent_since = True, math.inf
 
 
+def _locked(method: Callable[..., Any]) -> Any:
+    def call(client: LockedActionClient, *args: Any, **kwargs: Any) -> Any:
+        with client.sending:
+            return method(client, *args, **kwargs)
+
+    return call
+
+
 class LockedActionClient(ActionClient):
     """A client whose requests may be made in one thread while others spin its node.
 
@@ -149,26 +155,13 @@ class LockedActionClient(ActionClient):
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self._sending = threading.Lock()
+        self.sending = threading.Lock()
         super().__init__(*args, **kwargs)
 
-    def send_goal_async(self, *args: Any, **kwargs: Any) -> Future:
-        """Send a goal, and note it."""
-        with self._sending:
-            return super().send_goal_async(*args, **kwargs)
-
-    def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future:
-        with self._sending:
-            return super()._cancel_goal_async(goal_handle)
-
-    def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future:
-        with self._sending:
-            return super()._get_result_async(goal_handle)
-
-    def take_data(self) -> dict[str, Any]:
-        """Take answers to what has been noted."""
-        with self._sending:
-            return super().take_data()
+    send_goal_async = _locked(ActionClient.send_goal_async)
+    _cancel_goal_async = _locked(ActionClient._cancel_goal_async)
+    _get_result_async = _locked(ActionClient._get_result_async)
+    take_data = _locked(ActionClient.take_data)
 
 
 def namespace_hint(node: Node, *topics: str) -> str:
