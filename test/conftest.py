@@ -17,3 +17,10 @@ def ros_domains() -> Iterator[Iterator[int]]:
     """Return ROS domains that no other test has, here or in another run of the tests, until this one ends."""
     with held_domains() as domains:
         yield domains
+
+
+@pytest.fixture(autouse=True)
+def own_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take back the choice of Fast DDS profiles that a test leaves behind: it depends on other variables."""
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "")
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE")

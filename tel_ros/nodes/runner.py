@@ -73,6 +73,18 @@ def run_node(
     middleware does: Fast DDS sometimes blocks for ever. The exit code is 2 if the node cannot use what it is
     given.
     """
+    try:
+        _run(make_node, make_executor)
+    finally:
+        for number in END_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        # Frozen, what refers to the participant would keep it to the end, and others would not see it go.
+        gc.unfreeze()
+        gc.collect()
+        gc.freeze()  # the rest goes with the process, which then ends a second sooner
+
+
+def _run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -> None:
     asked, ending = list[float](), list[float]()
     node: Any = None
     executor: Any = None
@@ -130,9 +142,3 @@ def run_node(
                 executor.shutdown(timeout_sec=1.0)
             node.destroy_node()
         rclpy.try_shutdown()
-        for number in END_SIGNALS:
-            signal.signal(number, signal.SIG_DFL)
-        # Frozen, what refers to the participant would keep it to the end, and others would not see it go.
-        gc.unfreeze()
-        gc.collect()
-        gc.freeze()  # the rest goes with the process, which then ends a second sooner

@@ -77,12 +77,14 @@ def load_network(path: Path) -> Learner:
     """
     if not path.is_file():
         raise NetworkFileError(path, missing(path), _EXPECTED)
-    with path.open("rb") as file:
-        if file.read(2) != b"PK":  # of every .npz; NumPy would speak of pickles
-            raise NetworkFileError(path, "not readable (it is no .npz)", _EXPECTED)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return _restored(file, path)
+        # Opened here: NumPy leaves a damaged archive open.
+        with path.open("rb") as file:
+            if file.read(2) != b"PK":  # of every .npz; NumPy would speak of pickles
+                raise NetworkFileError(path, "not readable (it is no .npz)", _EXPECTED)
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return _restored(arrays, path)
     except NetworkFileError:
         raise
     except Exception as error:  # damaged bytes make NumPy and its libraries raise whatever they raise

@@ -27,7 +27,8 @@ class Asked:
         self.running, self.log = running, log
         command = [sys.executable, "-m", "tel_ros.nodes.practice_manager", "--ros-args"]
         command += ["-p", f"config:={running.folder / 'run.yaml'}"]
-        self.manager = subprocess.Popen(command, stderr=log.open("w"))
+        with log.open("w") as said:
+            self.manager = subprocess.Popen(command, stderr=said)
         self.client = ActionClient(running.node, Practice, topics.PRACTICE)
         running.meet("practice_manager")
         running.spin_until(self.client.server_is_ready, 30.0, topics.PRACTICE)

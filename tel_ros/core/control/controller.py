@@ -254,7 +254,7 @@ class EpController:
         else:
             wanted = self._springs.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
         try:
-            permitted = self.safety.permit(state, wanted)
+            permitted = self.safety.permit(state, wanted, self._pull(state, target))
         except EffortError as error:
             self._stop(Outcome.ABORTED, str(error))
             return self.safety.none()
@@ -265,6 +265,16 @@ class EpController:
         if not self._releasing:
             self._exerted_nm = permitted.effort_nm
         return permitted
+
+    def _pull(self, state: ArmState, target: Target) -> FloatArray | None:
+        """Return how hard the springs would pull towards the desired position without what was learned."""
+        if self.phase == Phase.STOP or self._trial is None:
+            return None
+        wanted = target.position
+        if self.phase == Phase.APPROACH:  # leads to where the learned effort acts as well
+            first = self._trial.points.first
+            wanted = wanted - first.equilibrium + first.position
+        return self._springs.stiffness_nm_per_rad * (wanted - state.position_rad)
 
     def _check(self, state: ArmState) -> None:
         """Abort if a state is too old or time jumped."""

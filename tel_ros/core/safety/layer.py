@@ -81,8 +81,11 @@ class SafetyLayer:
         """What an arm that takes efforts is to get."""
         return self.last_nm
 
-    def permit(self, state: ArmState, wanted_nm: FloatArray) -> Permitted:
+    def permit(self, state: ArmState, wanted_nm: FloatArray, pull_nm: FloatArray | None = None) -> Permitted:
         """Return the effort that may be commanded in answer to a state.
+
+        ``pull_nm`` is how hard the springs alone pull towards the wanted position, if one is wanted: see
+        :class:`~tel_ros.core.safety.monitors.FrozenReadings`.
 
         After a gap, or stamps that went back, nobody knows what has acted on the arm; and while a motor does
         not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
@@ -96,7 +99,7 @@ class SafetyLayer:
         # An effort that a motor withholds moves nothing, and that is no fault of the readings.
         withheld = state.effort_nm if self.response.waits else None
         acted_nm = self.last_nm if withheld is None else withheld
-        self.readings.look(state, acted_nm, LONGEST_GAP_S)
+        self.readings.look(state, acted_nm, pull_nm, LONGEST_GAP_S)
         if self.readings.fault:
             return self.none()
         if self._is_quiet(state, wanted_nm):

@@ -30,7 +30,7 @@ class FrozenJoint:
             "position_at",
             "position_ns",
         ),
-        *("pulled_s", "step_rad", "stood_for", "told_for", "velocity", "velocity_ns", "changes"),
+        *("pull_nm", "pulled_s", "step_rad", "stood_for", "told_for", "velocity", "velocity_ns", "changes"),
     )
 
     def __init__(self, time_ns: int, q: float, v: float, effort_nm: float) -> None:
@@ -47,6 +47,8 @@ class FrozenJoint:
         self.effort_nm, self.direction, self.pulled_s = effort_nm, 0, 0.0
         """What acted when the position stood still; where it had gone to, 0: it has not moved; for how long
         the effort has been far from that."""
+        self.pull_nm: float | None = None
+        """How hard the spring alone pulled then towards the wanted position."""
 
     def take(self, time_ns: int, step_s: float, q: float, v: float, effort_nm: float) -> None:
         """Take in a reading."""
@@ -59,10 +61,6 @@ class FrozenJoint:
             self.told_for += 1
         if q == self.position:
             self.stood_for += 1
-            if self.stood_for < FrozenReadings.STATES:
-                self.effort_nm = (
-                    effort_nm  # the dampers' answer to the last step of the encoder has to die away
-                )
             self.moved_rad += v * step_s
             self.jitter += (step_s * (v - before)) ** 2
             return
@@ -84,12 +82,13 @@ class FrozenReadings:
     - a position that stands still while the velocity says that the joint moves, by more than resolution and
       noise explain;
     - a velocity that stands still, at zero or elsewhere, while the position goes on at another speed;
-    - a position that stands still while the effort changes by more than can hold a joint that sticks
-      (``safety.stiction_nm``; twice as much against the way that it came, half as much along it), or by a
-      little, where the velocity is the same as well and not zero, or where velocities are estimated from
-      positions and the joint has stopped dead. It must act for long enough to move all the inertia that the
-      springs can damp (:func:`~.motion_rules.largest_inertia`). Not beyond a soft limit, where a joint may
-      lean on a stop.
+    - a position that stands still while it is wanted elsewhere: its spring and the whole effort pull by more
+      than can hold a joint that sticks (``safety.stiction_nm``; twice as much against the way that it came),
+      or by a little, where the velocity is the same as well and not zero, or where velocities are estimated
+      from positions and the joint has stopped dead. It must act for long enough to move all the inertia that
+      the springs can damp (:func:`~.motion_rules.largest_inertia`). Not beyond a soft limit, where a joint
+      may lean on a stop. The effort alone tells nothing: what was learned holds a joint still while others
+      pull at it.
 
     An encoder at rest gives the same position for ever, and a slow one with 12 bits does for 0.1 s: neither
     contradicts itself. Position drives have no springs to wind up here: their efforts are not judged.
@@ -138,8 +137,13 @@ class FrozenReadings:
         stuck = (stiction, little) if judged else (never, never)
         return cls(arm.joints, *stuck, largest_inertia(arm).tolist(), soft_range(arm, safety))
 
-    def look(self, state: ArmState, acted_nm: FloatArray, longest_gap_s: float) -> None:
-        """Take in a state and the effort that acted until then. Shape (n_joints,)."""
+    def look(
+        self, state: ArmState, acted_nm: FloatArray, pull_nm: FloatArray | None, longest_gap_s: float
+    ) -> None:
+        """Take in a state, the effort that acted until then, and the springs' pull to the wanted position.
+
+        Shapes (n_joints,); no pull: no position is wanted.
+        """
         step_s = (state.time_ns - self._last_ns) / NS_PER_S
         self._last_ns, self._step_s, self.fault = state.time_ns, step_s, ""
         rows = zip(state.position_rad.tolist(), state.velocity_rad_s.tolist(), acted_nm.tolist(), strict=True)
@@ -148,11 +152,14 @@ class FrozenReadings:
             return
         for j, (joint, row) in enumerate(zip(self._seen, rows, strict=True)):
             joint.take(state.time_ns, step_s, *row)
+            if joint.stood_for < self.STATES or joint.pull_nm is None:
+                joint.pull_nm, joint.effort_nm = None if pull_nm is None else float(pull_nm[j]), row[2]
             if max(joint.stood_for, joint.told_for) >= self.STATES and not self.fault:
-                found = self._found(j, joint, state, row[2])
+                pulled_nm = 0.0 if pull_nm is None else float(pull_nm[j]) - (joint.pull_nm or 0.0)
+                found = self._found(j, joint, state, row[2], pulled_nm)
                 self.fault = f"the readings of {self._joints[j]} are frozen: {found}" if found else ""
 
-    def _found(self, j: int, joint: FrozenJoint, state: ArmState, acted_nm: float) -> str:
+    def _found(self, j: int, joint: FrozenJoint, state: ArmState, acted_nm: float, pulled_nm: float) -> str:
         v, least_rad = joint.velocity, max(self.LEAST_RAD, self.STEPS * joint.step_rad)
         stood_s = (state.time_ns - joint.position_ns) / NS_PER_S
         told_s = (state.time_ns - joint.velocity_ns) / NS_PER_S
@@ -166,9 +173,10 @@ class FrozenReadings:
             if self._cannot_stick(joint, told_too, state.estimated):
                 stuck_nm = self._little_nm[j]
             else:
-                along = joint.direction * change_nm
-                stuck_nm = self._stiction_nm[j] * (0.5 if along > 0.0 else 2.0 if along else 1.0)
-            joint.pulled_s = joint.pulled_s + self._step_s if abs(change_nm) > stuck_nm else 0.0
+                stuck_nm = self._stiction_nm[j] * (2.0 if joint.direction * change_nm < 0.0 else 1.0)
+                pulled_nm = pulled_nm if pulled_nm * change_nm > 0.0 else 0.0
+            pulls = min(abs(change_nm), abs(pulled_nm)) > stuck_nm
+            joint.pulled_s = joint.pulled_s + self._step_s if pulls else 0.0
             way_rad = 0.5 * abs(change_nm) / self._inertia_kgm2[j] * joint.pulled_s**2
             low_rad, high_rad = self._soft_range[0][j], self._soft_range[1][j]
             free = low_rad <= joint.position <= high_rad and joint.pulled_s > self.PULLED_S

@@ -92,7 +92,7 @@ def test_readings_that_freeze_in_mid_movement_end_it_without_effort_in_time(
     fault: str, time_s: float
 ) -> None:
     rig = Rig(fault)
-    assert rig.frozen_in_run(time_s) <= 0.08
+    assert rig.frozen_in_run(time_s) <= 0.1
     report = rig.controller.report
     assert report.outcome == Outcome.ABORTED
     assert report.message.startswith("the readings of ")
@@ -134,10 +134,19 @@ def test_a_joint_that_leans_on_its_stop_is_not_frozen(position_rad: float, is_fr
     layer = SafetyLayer(arm_config(), SafetyConfig(), 500.0)
     for k in range(200):
         where = ArmState(2_000_000 * (k + 1), np.array([position_rad, 0.0]), np.zeros(2))
-        layer.permit(where, np.array([-0.05 * k * np.sign(position_rad), 0.0]))
+        pull_nm = np.array([-0.05 * k * np.sign(position_rad), 0.0])
+        layer.permit(where, pull_nm, pull_nm)
         if layer.readings.fault:
             break
     assert bool(layer.readings.fault) == is_frozen
+
+
+def test_a_joint_that_learned_efforts_hold_still_while_others_pull_at_it_is_not_frozen() -> None:
+    layer = SafetyLayer(arm_config(), SafetyConfig(), 500.0)
+    for k in range(500):
+        where = ArmState(2_000_000 * (k + 1), np.array([0.1, 0.0]), np.zeros(2))
+        layer.permit(where, np.array([0.03 * k, 0.0]), np.array([0.2, 0.0]))
+        assert not layer.readings.fault
 
 
 def test_a_stop_for_frozen_readings_is_left_by_a_reset() -> None:
