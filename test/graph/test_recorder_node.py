@@ -23,7 +23,7 @@ from tel_ros.nodes.conversions import to_time
 from tel_ros.nodes.diagnostics import Level
 from tel_ros.nodes.trial_recorder import TrialRecorderNode
 from tel_ros.recording import topics
-from tel_ros.recording.bag_writer import UNFINISHED
+from tel_ros.recording.bag_writer import UNFINISHED, TrialBagWriter
 from tel_ros.recording.recover import recover
 from tel_ros.recording.trial_bag import read_trial
 
@@ -174,3 +174,52 @@ def test_a_full_disk_ends_the_recording_and_the_trial_hears_of_it(
     for said in (str(bag), "cannot be written", "MB are free there", "expected room on the disk"):
         assert said in stopped.message
     assert not bag.exists()
+
+
+@pytest.fixture
+def open_recorder(tmp_path: Path) -> Iterator[TrialRecorderNode]:
+    """Return the node in this process, with an open bag; nothing spins it."""
+    rclpy.init()
+    node = TrialRecorderNode()
+    node._writer = TrialBagWriter(tmp_path / "trial_001", {})
+    node._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def control_state(node: TrialRecorderNode, time_s: float, trial: int = 1) -> None:
+    state = ControlState(trial=trial)
+    state.header.stamp = to_time(round(time_s * NS_PER_S))
+    node._record(topics.CONTROL_STATES, serialize_message(state))
+
+
+def result_of(ticks: int, start_s: float, end_s: float) -> TrialResult:
+    stamps = {
+        "start_stamp": to_time(round(start_s * NS_PER_S)),
+        "end_stamp": to_time(round(end_s * NS_PER_S)),
+    }
+    return TrialResult(index=1, ticks=ticks, **stamps)
+
+
+@pytest.mark.parametrize("jump_s", [-5.0, 5.0])
+def test_all_ticks_have_arrived_although_the_clock_has_jumped(
+    open_recorder: TrialRecorderNode, jump_s: float
+) -> None:
+    stamps = [10.0, 10.1, 10.2, 10.3 + jump_s, 10.4 + jump_s, 10.5]
+    for stamp in stamps:
+        control_state(open_recorder, stamp)
+    assert open_recorder._dropped(result_of(len(stamps), stamps[0], stamps[-1])) == 0
+
+
+def test_a_tick_that_did_not_arrive_is_missed(open_recorder: TrialRecorderNode) -> None:
+    for stamp in (10.0, 10.1, 10.3):
+        control_state(open_recorder, stamp)
+    assert open_recorder._dropped(result_of(4, 10.0, 10.3)) == 1
+
+
+def test_neither_repetitions_nor_other_trials_count(open_recorder: TrialRecorderNode) -> None:
+    for stamp, trial in ((9.9, 0), (10.0, 1), (10.0, 1), (10.1, 1), (10.2, 0), (10.3, 2)):
+        control_state(open_recorder, stamp, trial)
+    assert open_recorder._dropped(result_of(2, 10.0, 10.1)) == 0
+    assert open_recorder._dropped(result_of(3, 10.0, 10.2)) == 1
