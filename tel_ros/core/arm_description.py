@@ -260,9 +260,11 @@ class ArmDescription:
         if not held:
             return found
         places, turned = dataclasses.replace(found, index=0).placements(np.array([[held]]))
+        from scipy.spatial.transform import Rotation  # late: few arms have such a joint
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of gimbal lock: any of the angles will do
-            rpy = turned.as_euler("xyz")[0]
+            rpy = Rotation.from_matrix(turned).as_euler("xyz")[0]
         return dataclasses.replace(found, origin_m=places[0], origin_rpy_rad=rpy)
 
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tel_ros.core.types import FloatArray
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -28,22 +24,21 @@ class ChainJoint:
     prismatic: bool = False
     """Whether it slides along the axis [m] instead of turning about it [rad]."""
 
-    def placements(self, position_rad: FloatArray) -> tuple[FloatArray, Rotation]:
+    def placements(self, position_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return where the link behind the joint is in the frame of the link before it.
 
-        For joint positions [rad, m] of shape (n, n_joints): places [m] of shape (n, 3), and n orientations.
+        For joint positions [rad, m] of shape (n, n_joints): places [m] of shape (n, 3), and rotation matrices
+        of shape (n, 3, 3).
         """
-        from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
-
         n = len(position_rad)
-        origin = Rotation.from_euler("xyz", self.origin_rpy_rad)
-        places = np.tile(self.origin_m, (n, 1))
-        if self.index is None:
-            return places, origin * Rotation.identity(n)
-        along = np.outer(position_rad[:, self.index], self.axis)
+        places, origin = np.tile(self.origin_m, (n, 1)), np.eye(3)
+        for unit, angle_rad in zip(np.eye(3), self.origin_rpy_rad, strict=True):
+            origin = _turns(unit, angle_rad[np.newaxis])[0] @ origin
+        moved = np.zeros(n) if self.index is None else position_rad[:, self.index]
         if self.prismatic:
-            return places + origin.apply(along), origin * Rotation.identity(n)
-        return places, origin * Rotation.from_rotvec(along)
+            places = places + np.outer(moved, origin @ self.axis)
+            moved = np.zeros(n)
+        return places, origin @ _turns(self.axis, moved)
 
 
 @dataclass(frozen=True)
@@ -63,13 +58,18 @@ class SerialChain:
 
     def hand_positions(self, position_rad: FloatArray) -> FloatArray:
         """Return the hand's positions [m] in the base frame, shape (n, 3), for positions (n, n_joints)."""
-        from scipy.spatial.transform import Rotation  # late: half a second that the nodes can do without
-
-        n = len(position_rad)
-        rotation = Rotation.identity(n)
-        place = np.zeros((n, 3))
+        place, turn = np.zeros((len(position_rad), 3)), np.eye(3)
         for joint in self.joints:
             placed, turned = joint.placements(position_rad)
-            place = place + rotation.apply(placed)
-            rotation = rotation * turned
+            place, turn = place + (turn @ placed[..., np.newaxis])[..., 0], turn @ turned
         return place
+
+
+def _turns(axis: FloatArray, angle_rad: FloatArray) -> FloatArray:
+    """Return the matrices of rotations about a unit vector, shape (n, 3, 3), by Rodrigues' formula.
+
+    SciPy's rotations would cost every node a third of a second when it starts.
+    """
+    cross = np.cross(np.eye(3), axis)
+    sine, cosine = (function(angle_rad)[:, np.newaxis, np.newaxis] for function in (np.sin, np.cos))
+    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)

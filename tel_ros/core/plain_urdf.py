@@ -181,7 +181,7 @@ def check_dynamics(
         for joint in arm.urdf.carried[link]:
             placed = arm.placed[joint.name]
             shift, turned = placed.placements(posture)
-            there = frames[joint.child] = (place + turn @ shift[0], turn @ turned.as_matrix()[0])
+            there = frames[joint.child] = (place + turn @ shift[0], turn @ turned[0])
             own = {} if placed.index is None else {placed.index: (there[1] @ placed.axis, there[0])}
             screws[joint.child] = screws[link] | own
         if link not in arm.moving:
@@ -192,7 +192,7 @@ def check_dynamics(
             # The frame of the moments, as a joint that does not move.
             still = ChainJoint(np.array(each.centre_m), np.array(each.rpy_rad), np.zeros(3), None)
             shift, turned = still.placements(posture)
-            centre, axes = place + turn @ shift[0], turn @ turned.as_matrix()[0]
+            centre, axes = place + turn @ shift[0], turn @ turned[0]
             tensor = axes @ each.tensor_kgm2 @ axes.T
             ways = [(k, axis, np.cross(axis, centre - at)) for k, (axis, at) in screws[link].items()]
             for i, axis, way in ways:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tel_ros.core.arm_description import ArmDescription
 from tel_ros.core.config import ArmConfig
@@ -158,7 +159,7 @@ def _transforms(
 ) -> Iterator[bytes]:
     """Yield the placements of some links, one message a row of ``position_rad``."""
     placed = [each.joint.placements(position_rad) for each in joints]
-    quaternions = [turned.as_quat() for _, turned in placed]
+    quaternions = [Rotation.from_matrix(turned).as_quat() for _, turned in placed]
     for row, time_ns in enumerate(times_ns):
         transforms = [
             _made(
