@@ -16,7 +16,7 @@ from tel_ros.core.control.guard import AwakeClock, CommandGuard
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.types import NS_PER_S
-from tel_ros.nodes.clock import STEADY
+from tel_ros.nodes.clock import STEADY, longest_silence_s
 from tel_ros.nodes.command_channel import CommandChannel
 from tel_ros.nodes.conversions import command_reader, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
@@ -28,8 +28,6 @@ from tel_ros.recording import topics
 COMPLAINT_PERIOD_S = 1.0
 LOOK_PERIODS = 5.0
 """Joint states that fail to come: after so many, this process or the arm stood still, not the controller."""
-WATCH_S = 0.022
-"""From one look for silence to the next, at the most: a silent loop serves its timers every 20 ms."""
 _OWN_LABEL = topics.ARM_GUARD.encode()
 
 
@@ -115,8 +113,8 @@ class ArmGuardNode(Node):
         """Command zero effort when no states come: without them the guard cannot brake."""
         if self._blind or not self._guard.active:
             return
-        silent_s, timeout_s = time.monotonic() - self._state_at, self._state_timeout_s
-        if silent_s > timeout_s - min(WATCH_S, 0.5 * timeout_s):
+        silent_s = time.monotonic() - self._state_at
+        if silent_s > longest_silence_s(self._state_timeout_s):
             self._blind = True
             self.get_logger().error(f"no new joint state for {silent_s:.3f} s: zero effort")
             self._guard.safety.none()

@@ -11,8 +11,15 @@ from tel_ros.recording import topics
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Of all timers: with ``use_sim_time`` a node's own clock stands still as long as nobody publishes time."""
+WATCH_S = 0.022
+"""From one look for silence to the next, at the most: a silent loop serves its timers every 20 ms."""
 MISSING_S = 3.0
 LOOK_PERIOD_S = 0.5
+
+
+def longest_silence_s(timeout_s: float) -> float:
+    """Return after which silence a watchdog has to act: at its next look the time-out might be over."""
+    return timeout_s - min(WATCH_S, 0.5 * timeout_s)
 
 
 class ClockWatch:

@@ -20,7 +20,7 @@ from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.trial import Outcome
 from tel_ros.local_stop import ENDED
 from tel_ros.nodes import qos
-from tel_ros.nodes.clock import STEADY
+from tel_ros.nodes.clock import STEADY, longest_silence_s
 from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
 from tel_ros.nodes.controller_services import SafetyServices, TrialServer
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
@@ -36,8 +36,6 @@ from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
 NOTHING_MOVED = "the controller has not moved the arm"
-WATCH_S = 0.022
-"""From one look for silence to the next, at the most: a silent loop serves its timers every 20 ms."""
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -69,8 +67,7 @@ class EpControllerNode(ManagedNode):
         self._rests = False
         self._answers_between_trials = not waits
         self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
-        margin_s = 0.0 if waits else min(WATCH_S, 0.5 * self._state_timeout_s)
-        self._silence_s = self._state_timeout_s - margin_s
+        self._silence_s = self._state_timeout_s if waits else longest_silence_s(self._state_timeout_s)
         self._read = joint_state_reader()
         # Position drives brake by themselves, with states that are never late.
         wall_clock = not waits and self._interface == "effort"

@@ -60,7 +60,8 @@ def read_source(source: Path, wanted: Wanted | None = None) -> list[JointRecordi
         return [read_csv_recording(source, wanted.joints, wanted.renaming)]
     if source.is_file() and data_kind(source) not in BAG_FILES:
         expected = f"a folder of rosbag2, or a file {', '.join((*BAG_FILES, '.csv'))}"
-        raise InputFileError(source, f"is a file {source.suffix or 'without an ending'}", expected)
+        found = f"is a {source.suffix} file" if source.suffix else "is a file without an ending"
+        raise InputFileError(source, found, expected)
     return read_bag(source, wanted)
 
 

@@ -243,7 +243,7 @@ def test_what_is_not_there_or_no_bag_is_refused(tmp_path: Path) -> None:
     assert "no such file or folder" in refusal(tmp_path / "nowhere")
     assert "is a folder without metadata.yaml and data files" in refusal(tmp_path)
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(InputFileError, match=r"is a file .txt; expected .*\.bag, \.mcap, \.db3, \.csv"):
+    with pytest.raises(InputFileError, match=r"is a .txt file; expected .*\.bag, \.mcap, \.db3, \.csv"):
         read_source(tmp_path / "notes.txt")
 
 
