@@ -11,8 +11,9 @@ import os
 import re
 import signal
 import socket
+import time
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -56,18 +57,6 @@ class Controller(NamedTuple):
         """Return whether it runs in a namespace."""
         return self.address == self._replace(namespace=namespace).address
 
-    def ask(self, request: str) -> Answer | None:
-        """Return the answer to a request; None: none has come."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asker:
-            asker.bind("")  # at an address that Linux chooses, for the answer
-            asker.settimeout(ANSWER_TIMEOUT_S)
-            try:
-                asker.sendto(request.encode(), self.address)
-                said = asker.recv(4096).decode()
-            except OSError:
-                return None
-        return Answer(said[:1] == "1", said[1:])
-
 
 def domain_id() -> int:
     """Return the ROS domain of this process's environment.
@@ -88,6 +77,31 @@ def controllers() -> list[Controller]:
     with open(_SOCKETS, encoding="utf-8", errors="replace") as sockets:
         found = re.findall(rf"@{_PREFIX}/(\d+)/(\d+)(/\S*)$", sockets.read(), re.MULTILINE)
     return [Controller(int(domain), int(pid), namespace) for domain, pid, namespace in found]
+
+
+def ask(asked: Iterable[Controller], request: str) -> dict[Controller, Answer | None]:
+    """Return the answers to a request; None: none has come in time.
+
+    All are told before any answer is waited for: one that hangs must not keep the others from stopping.
+    """
+    answers = dict[Controller, Answer | None].fromkeys(asked)
+    silent = dict[bytes, Controller]()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as asker:
+        asker.bind("")  # at an address that Linux chooses, for the answers
+        for each in answers:
+            with suppress(OSError):  # gone, or it hangs and many have asked
+                asker.sendto(request.encode(), each.address)
+                silent[each.address.encode()] = each
+        end = time.monotonic() + ANSWER_TIMEOUT_S
+        while silent and (left_s := end - time.monotonic()) > 0.0:
+            asker.settimeout(left_s)
+            try:
+                said, address = asker.recvfrom(4096)
+            except OSError:
+                break
+            if address in silent:
+                answers[silent.pop(address)] = Answer(said[:1] == b"1", said[1:].decode())
+    return answers
 
 
 class Listener:

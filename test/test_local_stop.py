@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import time
+from functools import partial
 from itertools import count
 from threading import Event, Thread
 
@@ -10,7 +12,7 @@ import pytest
 
 from tel_ros import local_stop
 from tel_ros.core.errors import ConfigError
-from tel_ros.local_stop import RESET, STOP, Answer, Controller, Listener, controllers
+from tel_ros.local_stop import RESET, STOP, Answer, Controller, Listener, ask, controllers
 
 LONG = "/" + "/".join(["a_namespace_of_many_letters"] * 5)
 _numbers = count(1_000)
@@ -61,8 +63,8 @@ def test_a_request_is_done_and_answered_and_anything_else_is_not(domain: int) ->
     thread = Thread(target=serve)
     thread.start()
     try:
-        assert me.ask(STOP) == Answer(True, "stopped until reset")
-        assert me.ask(RESET) == Answer(False, "not reset: the arm moves")
+        assert ask([me], STOP)[me] == Answer(True, "stopped until reset")
+        assert ask([me], RESET)[me] == Answer(False, "not reset: the arm moves")
     finally:
         over.set()
         thread.join()
@@ -75,10 +77,33 @@ def test_a_controller_that_hangs_or_is_gone_gives_no_answer(
     monkeypatch.setattr(local_stop, "ANSWER_TIMEOUT_S", 0.05)
     me = Controller(domain, 1, "/")
     listener = Listener(me, {STOP: lambda: Answer(True, "")})
-    assert me.ask(STOP) is None  # nobody serves
+    assert ask([me], STOP) == {me: None}  # nobody serves
     listener.serve()  # late, and whoever has asked is gone
     del listener
-    assert me.ask(STOP) is None
+    assert ask([me], STOP) == {me: None}
+
+
+def test_a_controller_that_hangs_does_not_keep_the_others_from_stopping(
+    domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(local_stop, "ANSWER_TIMEOUT_S", 60.0)
+    stopped, answers = [Event(), Event()], {}
+    both = [Controller(domain, n, "/") for n in range(2)]
+
+    def stop(n: int) -> Answer:
+        stopped[n].set()
+        return Answer(True, f"{n} stopped")
+
+    hangs, lives = (Listener(each, {STOP: partial(stop, n)}) for n, each in enumerate(both))
+    thread = Thread(target=lambda: answers.update(ask(both, STOP)))
+    thread.start()
+    for n, each in ((1, lives), (0, hangs)):
+        end = time.monotonic() + 20.0
+        while not stopped[n].wait(0.001) and time.monotonic() < end:
+            each.serve()
+        assert stopped[n].is_set()
+    thread.join(20.0)
+    assert answers == {both[0]: Answer(True, "0 stopped"), both[1]: Answer(True, "1 stopped")}
 
 
 @pytest.mark.parametrize(("value", "domain"), [("", 0), ("0", 0), (" 5", 5), ("0x10", 16), ("232", 232)])

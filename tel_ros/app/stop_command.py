@@ -57,8 +57,8 @@ def _tell_all(request: str, namespace: str | None, everywhere: bool) -> None:
         if domain in (None, each.domain) and (namespace is None or each.is_in(namespace))
     ]
     answers = {
-        f"ep_controller in {each.namespace}, domain {each.domain}, process {each.pid}": each.ask(request)
-        for each in here
+        f"ep_controller in {each.namespace}, domain {each.domain}, process {each.pid}": answer
+        for each, answer in local_stop.ask(here, request).items()
     } or _asked_over_network(request, namespace)
     if not answers:
         others = ", ".join(f"{each.namespace} in domain {each.domain}" for each in running)
