@@ -92,7 +92,8 @@ def test_readings_that_freeze_in_mid_movement_end_it_without_effort_in_time(
     fault: str, time_s: float
 ) -> None:
     rig = Rig(fault)
-    assert rig.frozen_in_run(time_s) <= 0.1
+    # Without velocities the position has to fall behind first.
+    assert rig.frozen_in_run(time_s) <= (0.1 if fault == "no_velocity_frozen" else 0.08)
     report = rig.controller.report
     assert report.outcome == Outcome.ABORTED
     assert report.message.startswith("the readings of ")
