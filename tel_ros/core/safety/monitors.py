@@ -170,9 +170,11 @@ class FrozenReadings:
                 return f"{stays}and is said to move at {v:.2f} rad/s"
             told_too = joint.told_for >= self.STATES and told_s >= self.PATIENCE_S
             change_nm = acted_nm - joint.effort_nm
+            hint = ""
             if self._cannot_stick(joint, told_too, state.estimated):
                 stuck_nm = self._little_nm[j]
             else:
+                hint = " (or it sticks: then safety.stiction_nm has to be more)"
                 stuck_nm = self._stiction_nm[j] * (2.0 if joint.direction * change_nm < 0.0 else 1.0)
                 pulled_nm = pulled_nm if pulled_nm * change_nm > 0.0 else 0.0
             pulls = min(abs(change_nm), abs(pulled_nm)) > stuck_nm
@@ -181,7 +183,7 @@ class FrozenReadings:
             low_rad, high_rad = self._soft_range[0][j], self._soft_range[1][j]
             free = low_rad <= joint.position <= high_rad and joint.pulled_s > self.PULLED_S
             if free and way_rad > self.PULLED_STEPS * (joint.step_rad or self.USUAL_STEP_RAD):
-                return f"{stays}while its effort has changed by {abs(change_nm):.2f} N·m"
+                return f"{stays}while its effort has changed by {abs(change_nm):.2f} N·m{hint}"
         elif joint.told_for >= self.STATES and told_s >= self.PATIENCE_S:
             moved = state.position_rad[j] - joint.position_at
             other = abs(moved - v * told_s) > max(2.0 * least_rad, self.OTHER_SPEED_RAD_S * told_s)
