@@ -7,8 +7,10 @@ import select
 import sys
 import termios
 import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -43,14 +45,7 @@ if TYPE_CHECKING:
 )
 @namespace_option
 def replay(
-    bag: Path,
-    rate: float,
-    loop: bool,
-    start_offset_s: float,
-    patterns: tuple[str, ...],
-    with_clock: bool,
-    states_to_nodes: bool,
-    namespace: str,
+    bag: Path, loop: bool, start_offset_s: float, with_clock: bool, namespace: str, **options: Any
 ) -> None:
     """Publish the topics of BAG, at its pace, below /replay.
 
@@ -69,30 +64,29 @@ def replay(
     # Late: `tel --help` needs no ROS.
     from tel_ros.nodes.bag_player import BagPlayer
     from tel_ros.recording.any_bag import open_any_bag, reading
-    from tel_ros.recording.replay import Replay, ReplayOptions
+    from tel_ros.recording.replay import Replay
     from tel_ros.recording.trial_bag import check_sums
 
     Interruption.watch()
     try:
-        options = ReplayOptions(
-            rate=rate, start_offset_s=start_offset_s, patterns=patterns, states_to_nodes=states_to_nodes
-        )
         with reading(bag):
             check_sums(bag)
-        with open_any_bag(bag) as reader, SpaceBar() as space_bar:
-            plan = Replay(bag, reader, options)
+        with open_any_bag(bag) as reader, _space_bar() as pressed:
+            replayed = Replay(reader, start_offset_s=start_offset_s, **options)
             with BagPlayer(
-                plan,
+                replayed,
                 with_clock=with_clock,
-                toggled=space_bar.pressed,
+                toggled=pressed or (lambda: False),
                 on_pause=lambda paused: click.echo("paused" if paused else "continues"),
                 namespace=namespace,
             ) as player:
-                _announce(bag, player, space_bar.works)
-                player.play(rate)
+                _announce(bag, player)
+                if pressed:
+                    click.echo("space bar: pause and continue; Ctrl-C: end")
+                player.play(replayed.rate)
                 there = sum(reader.announced[name] for name in {t.connection.topic for t in player.played})
                 while loop:
-                    player.play(rate)
+                    player.play(replayed.rate)
     except KeyboardInterrupt:
         end("interrupted: nothing is published any more", EXIT_INTERRUPTED)
     click.echo(f"{counted(player.published, 'message')} published")
@@ -102,13 +96,11 @@ def replay(
         click.echo(f"tel: messages were up to {1e3 * player.most_late_s:.0f} ms late", err=True)
     expected = 1 if start_offset_s else there
     if player.published < expected:
-        end(
-            f"{bag}: yields {counted(player.published, 'message')}; expected {expected} or more",
-            EXIT_NOT_COMPLETED,
-        )
+        yields = f"yields {counted(player.published, 'message')}"
+        end(f"{bag}: {yields}; expected {expected} or more", EXIT_NOT_COMPLETED)
 
 
-def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
+def _announce(bag: Path, player: BagPlayer) -> None:
     for line in player.skipped:
         click.echo(f"tel: {line}", err=True)
     if not player.played:
@@ -116,40 +108,31 @@ def _announce(bag: Path, player: BagPlayer, has_keyboard: bool) -> None:
     for topic in player.played:
         count, name = topic.connection.msgcount, player.node.resolve_topic_name(topic.name)
         click.echo(f"{topic.connection.topic} → {name} ({counted(count, 'message')})")
-    if has_keyboard:
-        click.echo("space bar: pause and continue; Ctrl-C: end")
 
 
-class SpaceBar:
-    """Tells whether the space bar was pressed; without a terminal it never is. Ctrl-C and Ctrl-Z work."""
+@contextmanager
+def _space_bar() -> Iterator[Callable[[], bool] | None]:
+    """Yield what tells whether the space bar was pressed an odd number of times since the last call.
 
-    def __init__(self) -> None:
-        self._terminal = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
-        self._before: list | None = None
+    None without a terminal to listen to. Ctrl-C and Ctrl-Z work.
+    """
+    terminal = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
 
-    def __enter__(self) -> SpaceBar:
-        """Have keys come one by one."""
-        # Touching the terminal would stop a process in the background.
-        if self._terminal >= 0 and os.tcgetpgrp(self._terminal) == os.getpgrp():
-            self._before = termios.tcgetattr(self._terminal)
-            tty.setcbreak(self._terminal)
-        return self
+    def is_ours() -> bool:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
 
-    def __exit__(self, *error: object) -> None:
-        """Leave the terminal as it was."""
-        if self._before is not None:
-            termios.tcsetattr(self._terminal, termios.TCSADRAIN, self._before)
-
-    @property
-    def works(self) -> bool:
-        """Whether there is a terminal to listen to."""
-        return self._before is not None
-
-    def pressed(self) -> bool:
-        """Return whether it was pressed an odd number of times since the last call."""
-        if self._before is None or os.tcgetpgrp(self._terminal) != os.getpgrp():
-            return False
+    def pressed() -> bool:
         spaces = 0
-        while select.select([self._terminal], [], [], 0.0)[0] and (keys := os.read(self._terminal, 64)):
+        while is_ours() and select.select([terminal], [], [], 0.0)[0] and (keys := os.read(terminal, 64)):
             spaces += keys.count(b" ")
         return spaces % 2 == 1
+
+    if terminal < 0 or not is_ours():  # touching the terminal would stop a process in the background
+        yield None
+        return
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)  # keys come one by one
+    try:
+        yield pressed
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

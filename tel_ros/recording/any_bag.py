@@ -7,6 +7,7 @@ parsed when a message of its type is.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from heapq import merge
@@ -15,15 +16,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-    Qos,
-    QosDurability,
-)
-from rosbags.rosbag1 import Reader as Reader1
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos, QosDurability
+from rosbags.interfaces import MessageDefinition as Definition
+from rosbags.interfaces import MessageDefinitionFormat as Format
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -46,33 +41,30 @@ class AnyBag:
 
     def __init__(self, bag: Path, files: Sequence[Path], stack: ExitStack) -> None:
         folder = Path(stack.enter_context(TemporaryDirectory()))
-        self.is2 = data_kind(files[0]) != ".bag"
+        self.bag, self.is2 = bag, data_kind(files[0]) != ".bag"
         self._storages: list[Any] = []
         for number, file in enumerate(files):
             with reading(file):
-                self._storages.append(opened_file(file, folder / str(number)) if self.is2 else Reader1(file))
-                if not self.is2:
-                    self._storages[-1].open()
+                self._storages.append(opened_file(file, folder / str(number)))
             stack.callback(self._storages[-1].close)
-        self._found = dict[tuple[str, str], Connection]()
+        found = dict[tuple[str, str], Connection]()
         for each in (c for storage in self._storages for c in storage.connections):
-            first = self._found.get((each.topic, each.msgtype), each._replace(msgcount=0))
-            defined = first if first.msgdef.data else each
+            first = found.get((each.topic, each.msgtype), each._replace(msgcount=0))
+            defined = (first if first.msgdef.data else each).msgdef
             count = first.msgcount + each.msgcount
-            self._found[each.topic, each.msgtype] = first._replace(msgdef=defined.msgdef, msgcount=count)
-        announced = list(announced_topics(bag))
-        for topic, kind, _ in announced:
-            if topic not in {c.topic for c in self._found.values()}:
-                nothing = MessageDefinition(MessageDefinitionFormat.NONE, "")
+            found[each.topic, each.msgtype] = first._replace(msgdef=defined, msgcount=count)
+        there, told = Counter[str](), Counter[str]()
+        for connection in found.values():
+            there[connection.topic] += connection.msgcount
+        for topic, kind, n in announced_topics(bag):
+            told[topic] += n
+            if topic not in there:
                 ext = ConnectionExtRosbag2("cdr", [])
-                self._found[topic, kind] = Connection(0, topic, kind, nothing, "", 0, ext, self)
-        self._found = {key: c._replace(id=k) for k, (key, c) in enumerate(self._found.items(), start=1)}
+                nothing = Definition(Format.NONE, "")
+                found[topic, kind] = Connection(0, topic, kind, nothing, "", 0, ext, self)
+        self._found = {key: c._replace(id=k) for k, (key, c) in enumerate(found.items(), start=1)}
         self.connections = list(self._found.values())
-        self.announced = dict[str, int]()
-        for each in self.connections:
-            told = sum(n for topic, _, n in announced if topic == each.topic)
-            there = sum(c.msgcount for c in self.connections if c.topic == each.topic)
-            self.announced[each.topic] = told or there
+        self.announced = {c.topic: told[c.topic] or there[c.topic] for c in self.connections}
         self._stores = dict[str, Typestore | None]()
         extents = [storage.metadata if self.is2 else storage for storage in self._storages]
         extents = [each for each in extents if each.message_count]
@@ -93,6 +85,23 @@ class AnyBag:
                 yield self._found[c.topic, c.msgtype], time_ns, message_bytes(raw) if self.is2 else raw
 
         yield from merge(*map(of, self._storages), key=lambda message: message[1])
+
+    def contents(self, connections: Sequence[Connection], *, exactly: bool = False) -> list[tuple[int, Any]]:
+        """Return time [ns] and content of the messages of one topic.
+
+        Raises BagError if not all announced ones come; with ``exactly``, also if more do.
+        """
+        found = [
+            (time_ns, self.deserialize(raw, c.msgtype)) for c, time_ns, raw in self.messages(connections)
+        ]
+        n, topic = len(found), connections[0].topic
+        announced = self.announced[topic]
+        if not exactly:
+            announced = max(announced, sum(c.msgcount for c in connections))
+        if n < announced or (exactly and n > announced):
+            yields = f"yields {counted(n, 'message')} of {topic}"
+            raise BagError(self.bag, yields, f"the {announced} that it announces")
+        return found
 
     def deserialize(self, raw: bytes, kind: str) -> Any:
         """Return a message as the bag defines its type; if it does not, as ROS 2 Jazzy or we do."""
@@ -117,9 +126,9 @@ class AnyBag:
         return self._stores[kind]
 
 
-def _parsed(kind: str, text: MessageDefinition) -> Typestore:
+def _parsed(kind: str, text: Definition) -> Typestore:
     store = get_typestore(Stores.EMPTY)
-    if text.format == MessageDefinitionFormat.MSG:
+    if text.format == Format.MSG:
         store.register(get_types_from_msg(text.data, kind))
     elif text.data.startswith(_IDL):
         for part in text.data.split(_IDL.partition("\n")[0] + "\n")[1:]:
@@ -127,26 +136,6 @@ def _parsed(kind: str, text: MessageDefinition) -> Typestore:
     else:
         store.register(get_types_from_idl(text.data))
     return store
-
-
-def all_messages(
-    bag: Path, reader: AnyBag, connections: Sequence[Connection], *, exactly: bool = False
-) -> list[tuple[int, Any]]:
-    """Return time [ns] and content of the messages of one topic.
-
-    Raises BagError if not all announced ones come; with ``exactly``, also if more do.
-    """
-    found = [
-        (time_ns, reader.deserialize(raw, c.msgtype)) for c, time_ns, raw in reader.messages(connections)
-    ]
-    topic = connections[0].topic
-    announced = reader.announced[topic]
-    if not exactly:
-        announced = max(announced, sum(c.msgcount for c in connections))
-    if len(found) < announced or (exactly and len(found) > announced):
-        what = f"yields {counted(len(found), 'message')} of {topic}"
-        raise BagError(bag, what, f"the {announced} that it announces")
-    return found
 
 
 @contextmanager
@@ -167,20 +156,18 @@ def open_any_bag(bag: Path, *, closed: bool = True) -> Iterator[AnyBag]:
 
 def data_files(bag: Path) -> list[Path]:
     """Return the data files of a bag; BagError if it is none, or the metadata name one that is gone."""
-    if not bag.is_dir():
-        if data_kind(bag) in (*DATA_FILES, ".bag") and bag.is_file():
-            return [bag]
-        raise BagError(bag, what_is(bag), EXPECTED)
-    files, names = files_in(bag), _named_files(bag)
+    if bag.is_file() and data_kind(bag) in (*DATA_FILES, ".bag"):
+        return [bag]
+    files, named = files_in(bag) if bag.is_dir() else [], information_of(bag).get("relative_file_paths")
+    names = [Path(str(name)).name for name in named] if isinstance(named, list) else []
     # Files may have been renamed, or be more than the metadata know; fewer is a loss.
     if len(files) < len(names):
         gone = ", ".join(name for name in names if not (bag / name).is_file())
         raise BagError(bag, f"has no {gone}, which its {METADATA_FILE} names", EXPECTED)
     if not files:
         has_metadata = (bag / METADATA_FILE).is_file()
-        raise BagError(
-            bag, "has a metadata.yaml but no data file" if has_metadata else what_is(bag), EXPECTED
-        )
+        found = f"has a {METADATA_FILE} but no data file" if has_metadata else what_is(bag)
+        raise BagError(bag, found, EXPECTED)
     return files
 
 
@@ -190,19 +177,14 @@ def files_in(bag: Path) -> list[Path]:
     return [file for file in every if file.is_file() and data_kind(file) in DATA_FILES]
 
 
-def _named_files(bag: Path) -> list[str]:
-    names = information_of(bag).get("relative_file_paths")
-    return [Path(str(name)).name for name in names] if isinstance(names, list) else []
-
-
 def what_is(path: Path) -> str:
     """Return what a path is that was taken for a bag, in words for a message."""
     if not path.exists():
         return "there is no such file or folder"
+    if path.is_dir() and is_run_folder(path):
+        first = next((each.name for each in sorted(path.glob("trial_*"))), "trial_NNN")
+        return f"is the folder of a practice run, which holds a bag a trial ({path / first})"
     if path.is_dir():
-        if is_run_folder(path):
-            first = next((each.name for each in sorted(path.glob("trial_*"))), "trial_NNN")
-            return f"is the folder of a practice run, which holds a bag a trial ({path / first})"
         inside = next((each for each in sorted(path.iterdir()) if (each / METADATA_FILE).is_file()), None)
         within = f" (but {inside.name} in it is one)" if inside else ""
         return f"is a folder without metadata.yaml and data files: no bag{within}"
@@ -212,24 +194,22 @@ def what_is(path: Path) -> str:
 
 def bag_information(bag: Path) -> dict[str, Any]:
     """Return what ``metadata.yaml`` says; BagError if that cannot be read."""
-    file = bag / METADATA_FILE
+    file, expected = bag / METADATA_FILE, "the metadata of a rosbag2 folder"
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (yaml.YAMLError, OSError, ValueError) as error:
-        found = f"not readable ({' '.join(str(error).split())})"
-        raise BagError(file, found, "the metadata of a rosbag2 folder") from error
+        raise BagError(file, f"not readable ({' '.join(str(error).split())})", expected) from error
     information = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(information, dict):
-        raise BagError(file, "has no rosbag2_bagfile_information", "the metadata of a rosbag2 folder")
+        raise BagError(file, "has no rosbag2_bagfile_information", expected)
     return information
 
 
 def information_of(bag: Path) -> dict[str, Any]:
     """Return what ``metadata.yaml`` says; nothing if that cannot be read."""
-    try:
+    with suppress(BagError):
         return bag_information(bag)
-    except BagError:
-        return {}
+    return {}
 
 
 def custom_data(information: Mapping[str, Any]) -> dict[str, str]:

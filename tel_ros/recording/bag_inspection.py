@@ -12,20 +12,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import Connection
+
 from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.trial import TrialReport
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording import topics
-from tel_ros.recording.any_bag import (
-    METADATA_FILE,
-    AnyBag,
-    bag_information,
-    custom_data,
-    data_files,
-    is_latched,
-    open_any_bag,
-    reading,
-)
+from tel_ros.recording import any_bag, topics
+from tel_ros.recording.any_bag import AnyBag
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, UNFINISHED
 from tel_ros.recording.data_files import data_kind
 from tel_ros.recording.trial_bag import check_sums
@@ -104,9 +97,9 @@ def inspect_bag(bag: Path) -> InspectedBag:
     Raises:
         BagError: it is no bag at all.
     """
-    is_closed = not bag.is_dir() or (bag / METADATA_FILE).is_file()
+    is_closed = not bag.is_dir() or (bag / any_bag.METADATA_FILE).is_file()
     try:
-        data = data_files(bag)
+        data = any_bag.data_files(bag)
     except BagError:
         if not bag.is_dir() or not is_closed:
             raise
@@ -118,29 +111,19 @@ def inspect_bag(bag: Path) -> InspectedBag:
         "size_bytes": sum(file.stat().st_size for file in files),
     }
     if not is_closed:
-        found = f"it has no {METADATA_FILE}; `tel bag recover` takes out what can be read"
+        found = f"it has no {any_bag.METADATA_FILE}; `tel bag recover` takes out what can be read"
         return InspectedBag(wholeness=Wholeness.UNFINISHED, problem=found, **known)
     with suppress(BagError):  # the data tell enough
-        information = bag_information(bag)
-        known["metadata"] = custom_data(information)
+        information = any_bag.bag_information(bag)
+        known["metadata"] = any_bag.custom_data(information)
         known["version"] = int(information["version"]) if str(information.get("version")).isdigit() else None
     try:
-        with open_any_bag(bag) as reader, reading(bag):
-            start_ns, duration_s, found_topics = _topics(reader)
-            trial, joints = _trial(reader)
+        with any_bag.open_any_bag(bag) as reader, any_bag.reading(bag):
+            known |= _topics(reader) | _trial(reader)
     except BagError as error:
         return InspectedBag(wholeness=Wholeness.BROKEN, problem=error.found, **known)
-    wholeness, problem = _wholeness(bag, found_topics, known.get("metadata", {}))
-    return InspectedBag(
-        wholeness=wholeness,
-        problem=problem,
-        start_ns=start_ns,
-        duration_s=duration_s,
-        topics=found_topics,
-        trial=trial,
-        joints=joints,
-        **known,
-    )
+    wholeness, problem = _wholeness(bag, known["topics"], known.get("metadata", {}))
+    return InspectedBag(wholeness=wholeness, problem=problem, **known)
 
 
 def bags_of_run(folder: Path) -> list[Path]:
@@ -149,46 +132,43 @@ def bags_of_run(folder: Path) -> list[Path]:
     return [path for place in places for path in sorted(place) if path.is_dir()]
 
 
-def _topics(reader: AnyBag) -> tuple[int, float, tuple[InspectedTopic, ...]]:
+def _topics(reader: AnyBag) -> dict[str, Any]:
     """Return time of the first message, duration, and what there is of each topic."""
     times_ns = defaultdict[int, list[int]](list)
     for connection, time_ns, _ in reader.messages():
         times_ns[connection.id].append(time_ns)
-    start_ns = min((times[0] for times in times_ns.values()), default=0)
-    end_ns = max((times[-1] for times in times_ns.values()), default=0)
-    inspected = []
-    for connection in sorted(reader.connections, key=lambda each: each.topic):
-        times = times_ns[connection.id]
-        n = len(times)
+
+    def inspected(connection: Connection) -> InspectedTopic:
+        times = times_ns.get(connection.id, [])
         span_s = (times[-1] - times[0]) / NS_PER_S if times else 0.0
         longest_gap_ns = max((later - earlier for earlier, later in pairwise(times)), default=math.nan)
-        inspected.append(
-            InspectedTopic(
-                name=connection.topic,
-                msgtype=connection.msgtype,
-                announced=max(connection.msgcount, reader.announced[connection.topic]),
-                found=n,
-                rate_hz=(n - 1) / span_s if span_s > 0.0 else math.nan,
-                longest_gap_s=longest_gap_ns / NS_PER_S,
-                latched=is_latched(connection),
-            )
+        return InspectedTopic(
+            name=connection.topic,
+            msgtype=connection.msgtype,
+            announced=max(connection.msgcount, reader.announced[connection.topic]),
+            found=len(times),
+            rate_hz=(len(times) - 1) / span_s if span_s > 0.0 else math.nan,
+            longest_gap_s=longest_gap_ns / NS_PER_S,
+            latched=any_bag.is_latched(connection),
         )
-    return start_ns, (end_ns - start_ns) / NS_PER_S, tuple(inspected)
+
+    start_ns = min((times[0] for times in times_ns.values()), default=0)
+    end_ns = max((times[-1] for times in times_ns.values()), default=0)
+    found = tuple(map(inspected, sorted(reader.connections, key=lambda each: each.topic)))
+    return {"start_ns": start_ns, "duration_s": (end_ns - start_ns) / NS_PER_S, "topics": found}
 
 
-def _trial(reader: AnyBag) -> tuple[TrialReport | None, tuple[str, ...]]:
+def _trial(reader: AnyBag) -> dict[str, Any]:
     """Return what the result of a trial says and its joints, if there is exactly one that can be read."""
-    named = [c for c in reader.connections if topics.is_named(c.topic, topics.TRIAL_RESULT)]
-    connections = [connection for connection in named if connection.msgcount]
-    if not connections:
-        return None, ()
-    results: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
-    if len(results) != 1:
-        return None, ()
-    try:
-        return report_of(results[0]), tuple(results[0].joint_names)
-    except (AttributeError, ValueError, TypeError):
-        return None, ()  # somebody else's topic of that name
+    of_result = [
+        c for c in reader.connections if topics.is_named(c.topic, topics.TRIAL_RESULT) and c.msgcount
+    ]
+    messages = reader.messages(of_result) if of_result else ()
+    results: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in messages]
+    with suppress(AttributeError, ValueError, TypeError):  # somebody else's topic of that name
+        if len(results) == 1:
+            return {"trial": report_of(results[0]), "joints": tuple(results[0].joint_names)}
+    return {}
 
 
 def _wholeness(

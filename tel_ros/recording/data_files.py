@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -48,7 +49,7 @@ class McapFile(McapReader):
         return (any(counts) or not counts) and set(good) == {self.metadata.message_count}
 
 
-_READERS: dict[str, Any] = {".mcap": McapFile, ".db3": Sqlite3Reader}
+_READERS: dict[str, Any] = {".mcap": McapFile, ".db3": Sqlite3Reader, ".bag": Reader1}
 
 
 def data_kind(file: Path) -> str:
@@ -71,51 +72,55 @@ def opened_file(file: Path, folder: Path) -> Any:
     Raises whatever the libraries raise about damaged bytes, also of a file that was cut off.
     """
     file = _plain(file, folder)
-    reader = _READERS[file.suffix](file)
-    failed: Exception | None = None
-    if not any(_beside(file)):
+    reader, failed = _READERS[file.suffix](file), None
+    if file.suffix == ".bag" or not any(_beside(file)):
         try:
             reader.open()
             if not isinstance(reader, McapFile) or reader.is_complete:
                 return reader
             reader.close()
         except Exception as error:
+            if file.suffix == ".bag":
+                raise
             failed = error
-    try:
-        saved = saved_copy(file, folder)
-    except BagError:
-        saved = None
+    copy, saved = folder / f"saved_{file.name}", None
+    with suppress(BagError):
+        saved = save_copy(file, copy)
     if failed and not (saved and saved.whole):
         said = " ".join(str(failed).split()) or "no text"
         expected = "a whole one" + (": `tel bag recover` takes out what can be read" if saved else "")
         raise BagError(file, f"cannot be read: was cut off, or is damaged ({said})", expected) from failed
     if saved:
-        reader = _READERS[file.suffix](saved.copy)
+        reader = _READERS[file.suffix](copy)
     reader.open()
     return reader
 
 
 @dataclass(frozen=True)
-class Saved:
-    """A copy, which rosbags reads, of all whole messages of a data file.
+class SavedFile:
+    """What was saved of a data file: all whole messages, in a copy which rosbags reads.
 
     ``lost_bytes``: of the file that are not in it; in sqlite3, of pages that are gone, and of the journal,
     which holds what a transaction that did not end has overwritten. ``whole``: the file is undamaged and was
-    closed.
+    closed. ``problem``: why nothing of it was saved.
     """
 
-    copy: Path
+    name: str
     messages: int
     lost_bytes: int
     whole: bool
+    problem: str = ""
 
 
-def saved_copy(file: Path, folder: Path) -> Saved:
+def save_copy(file: Path, copy: Path) -> SavedFile:
     """Write a copy of what can be read of a data file; BagError if that is nothing, or it is no data file."""
-    file = _plain(file, folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    copy = folder / f"saved_{file.name}"
-    return _saved_mcap(file, copy) if file.suffix == ".mcap" else _saved_sqlite3(file, copy)
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    plain = _plain(file, copy.parent)
+    n, lost_bytes, whole = (_save_mcap if plain.suffix == ".mcap" else _save_sqlite3)(plain, copy)
+    if not n:
+        what = "whole chunk" if plain.suffix == ".mcap" else "transaction that has ended"
+        raise BagError(plain, f"holds no {what}", "at least one: there is nothing to recover")
+    return SavedFile(file.name, n, lost_bytes, whole and not lost_bytes)
 
 
 def _plain(file: Path, folder: Path) -> Path:
@@ -131,7 +136,8 @@ def _plain(file: Path, folder: Path) -> Path:
     return plain
 
 
-def _saved_mcap(file: Path, copy: Path) -> Saved:
+def _save_mcap(file: Path, copy: Path) -> tuple[int, int, bool]:
+    """Copy all whole messages; return their number, the lost bytes and whether the file was closed."""
     # Late: few bags need it.
     from mcap.records import Channel, Footer, Message, Schema
     from mcap.writer import Writer
@@ -158,10 +164,7 @@ def _saved_mcap(file: Path, copy: Path) -> Saved:
                     )
                 closed = closed or isinstance(record, Footer)
         writer.finish()  # type: ignore[no-untyped-call]
-    if not n:
-        raise BagError(file, "holds no whole chunk", "at least one: there is nothing to recover")
-    lost_bytes = file.stat().st_size - good
-    return Saved(copy, n, lost_bytes, closed and not lost_bytes)
+    return n, file.stat().st_size - good, closed
 
 
 def _whole_records(source: BinaryIO) -> Iterator[tuple[list[Any], int]]:
@@ -182,7 +185,7 @@ def _whole_records(source: BinaryIO) -> Iterator[tuple[list[Any], int]]:
         yield [], source.tell() - place
 
 
-def _saved_sqlite3(file: Path, copy: Path) -> Saved:
+def _save_sqlite3(file: Path, copy: Path) -> tuple[int, int, bool]:
     source = copy.with_name(f"source_{file.name}")
     for each in (file, *_beside(file)):  # with these, sqlite3 takes back or completes what did not end
         shutil.copyfile(each, source.with_name(f"source_{each.name}"))
@@ -196,13 +199,10 @@ def _saved_sqlite3(file: Path, copy: Path) -> Saved:
             pages, bytes_a_page = (old.execute(f"PRAGMA {name}").fetchone()[0] for name in _SIZE)
     except sqlite3.Error as error:
         raise BagError(file, f"cannot be read ({error})", "a database of rosbag2") from error
-    if not n:
-        expected = "at least one: there is nothing to recover"
-        raise BagError(file, "holds no transaction that has ended", expected)
     with file.open("rb") as header:  # how many pages there were, as the database itself says
         pages = max(pages, int.from_bytes(header.read(32)[28:], "big"))
     lost_bytes += max(0, pages * bytes_a_page - file.stat().st_size)
-    return Saved(copy, n, lost_bytes, whole and not lost_bytes)
+    return n, lost_bytes, whole
 
 
 def _copy_rows(old: sqlite3.Connection, new: sqlite3.Connection, most_rows: int) -> tuple[int, bool]:

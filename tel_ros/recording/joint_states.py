@@ -41,14 +41,11 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
         BagError: the bag cannot be read, has no such topic, or several to choose from.
     """
     with open_any_bag(bag) as reader, reading(bag):
-        connections = _connections(bag, reader, topic)
-        messages: list[Any] = []
-        recorded_ns: list[int] = []
-        for connection, moment_ns, raw in reader.messages(connections):
-            messages.append(reader.deserialize(raw, connection.msgtype))
-            recorded_ns.append(moment_ns)
-        if not messages:
-            raise BagError(bag, f"yields no message of {connections[0].topic}", "joint states")
+        connections = _connections(reader, topic)
+        read = [(at, reader.deserialize(raw, JOINT_STATE)) for _, at, raw in reader.messages(connections)]
+    if not read:
+        raise BagError(bag, f"yields no message of {connections[0].topic}", "joint states")
+    recorded_ns, messages = zip(*read, strict=True)
     joints = tuple(dict.fromkeys(name for message in messages for name in message.name))
     if not joints:
         raise BagError(bag, f"names no joint in {connections[0].topic}", "joint states with names")
@@ -60,14 +57,16 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
     return RecordedStates(connections[0].topic, joints, (moments_ns - moments_ns[0]) / NS_PER_S, *told)
 
 
-def _connections(bag: Path, reader: AnyBag, topic: str) -> list[Connection]:
+def _connections(reader: AnyBag, topic: str) -> list[Connection]:
     of_states = [c for c in reader.connections if c.msgtype == JOINT_STATE and c.msgcount]
     names = sorted({connection.topic for connection in of_states})
     listed = ", ".join(names) or "none"
     if topic and topic not in names:
-        raise BagError(bag, f"has no joint states on {topic}", f"one of its topics of that type: {listed}")
+        expected = f"one of its topics of that type: {listed}"
+        raise BagError(reader.bag, f"has no joint states on {topic}", expected)
     if not topic and len(names) != 1:
-        raise BagError(bag, f"has these topics of joint states: {listed}", "one, or the option --topic")
+        found = f"has these topics of joint states: {listed}"
+        raise BagError(reader.bag, found, "one, or the option --topic")
     return [connection for connection in of_states if connection.topic == (topic or names[0])]
 
 

@@ -7,46 +7,20 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import yaml
 
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError, TelError, counted
 from tel_ros.core.types import NS_PER_S
-from tel_ros.recording import topics
-from tel_ros.recording.any_bag import (
-    METADATA_FILE,
-    AnyBag,
-    announced_topics,
-    custom_data,
-    files_in,
-    information_of,
-    profiles,
-    what_is,
-)
+from tel_ros.recording import any_bag, topics
+from tel_ros.recording.any_bag import AnyBag, custom_data, information_of
 from tel_ros.recording.bag_format import offered_qos
 from tel_ros.recording.bag_writer import CUSTOM_DATA_FILE, RECOVERED, UNFINISHED, BagWriter
-from tel_ros.recording.data_files import data_kind, saved_copy
+from tel_ros.recording.data_files import SavedFile, data_kind, save_copy
 from tel_ros.recording.trial_bag import check_sums
 
 _EXPECTED = "the folder of a recording that was never closed, or one of its files (.mcap, .db3)"
-
-
-@dataclass(frozen=True)
-class RecoveredFile:
-    """What was saved of a data file.
-
-    ``lost_bytes``: of the file that could not be read; in sqlite3, of pages that are gone, and of the
-    journal, which holds what a transaction that did not end has overwritten. ``whole``: the file was closed,
-    and nothing of it is damaged. ``problem``: why nothing of it was saved.
-    """
-
-    name: str
-    messages: int
-    lost_bytes: int
-    whole: bool
-    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,20 +32,8 @@ class Recovery:
 
     bag: Path
     counts: Mapping[str, int]
-    files: tuple[RecoveredFile, ...]
+    files: tuple[SavedFile, ...]
     has_result: bool
-
-    @property
-    def lost_bytes(self) -> int:
-        """Of all files."""
-        return sum(file.lost_bytes for file in self.files)
-
-
-def recovered_name(unfinished: Path) -> Path:
-    """Return where to put what is recovered: beside a run's bags, where nothing takes it for one of them."""
-    if unfinished.parent.name == UNFINISHED:
-        return unfinished.parent.parent / RECOVERED / unfinished.name
-    return unfinished.with_name(f"{unfinished.name.partition('.')[0]}_{RECOVERED}")
 
 
 def recover(unfinished: Path, out: Path | None = None) -> Recovery:
@@ -82,34 +44,35 @@ def recover(unfinished: Path, out: Path | None = None) -> Recovery:
 
     Args:
         unfinished: folder of the recording, or of a closed bag whose data were damaged; or a data file.
-        out: folder of the new bag; None: see :func:`recovered_name`.
+        out: folder of the new bag; None: beside a run's bags, where nothing takes it for one of them.
 
     Raises:
         BagError: there is no recording, it is whole, no message is whole, or the new bag exists or cannot be
             written.
     """
-    files = files_in(unfinished)
+    files = any_bag.files_in(unfinished)
     if not files:
-        raise BagError(unfinished, what_is(unfinished), _EXPECTED)
+        raise BagError(unfinished, any_bag.what_is(unfinished), _EXPECTED)
     is_whole = BagError(unfinished, "is whole: there is nothing to recover", _EXPECTED)
-    if unfinished.parent.name != UNFINISHED and _is_whole(unfinished, files):
+    is_staged = unfinished.parent.name == UNFINISHED
+    if not is_staged and _is_whole(unfinished, files):
         raise is_whole
-    out = recovered_name(unfinished) if out is None else out
-    saved: list[RecoveredFile] = []
-    copies: list[Path] = []
+    if out is None and is_staged:
+        out = unfinished.parent.parent / RECOVERED / unfinished.name
+    out = out or unfinished.with_name(f"{unfinished.name.partition('.')[0]}_{RECOVERED}")
+    saved, copies = list[SavedFile](), list[Path]()
     try:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             for number, file in enumerate(files):
+                copy = folder / str(number) / f"saved_{file.name.removesuffix('.zstd')}"
                 try:
-                    found = saved_copy(file, folder / str(number))
+                    saved.append(save_copy(file, copy))
+                    copies.append(copy)
                 except BagError as error:
                     if len(files) == 1:
                         raise
-                    saved.append(RecoveredFile(file.name, 0, file.stat().st_size, False, error.found))
-                    continue
-                saved.append(RecoveredFile(file.name, found.messages, found.lost_bytes, found.whole))
-                copies.append(found.copy)
+                    saved.append(SavedFile(file.name, 0, file.stat().st_size, False, error.found))
             if files == [unfinished] and saved[0].whole:
                 raise is_whole
             if not copies:
@@ -125,12 +88,12 @@ def recover(unfinished: Path, out: Path | None = None) -> Recovery:
 
 def _is_whole(bag: Path, files: list[Path]) -> bool:
     """Whether the metadata are there, and what they announce is in the data files and nothing else."""
-    if not (bag / METADATA_FILE).is_file():
+    if not (bag / any_bag.METADATA_FILE).is_file():
         return False
     with suppress(TelError, OSError, ValueError), ExitStack() as stack:
         check_sums(bag)
         found = AnyBag(bag, files, stack)
-        announced = {topic: n for topic, _, n in announced_topics(bag)}
+        announced = {topic: n for topic, _, n in any_bag.announced_topics(bag)}
         return announced == {c.topic: c.msgcount for c in found.connections}
     return False
 
@@ -148,10 +111,10 @@ def _custom_data(unfinished: Path) -> dict[str, str]:
 def _rewrite(reader: AnyBag, out: Path, metadata: dict[str, str], kind: str) -> dict[str, int]:
     n = sum(connection.msgcount for connection in reader.connections)
     saved = f"{counted(n, 'message')}, up to {(reader.end_time - 1) / NS_PER_S:.3f} s"
-    storage: Literal["mcap", "sqlite3"] = "mcap" if kind == ".mcap" else "sqlite3"
-    with BagWriter(out, metadata | {RECOVERED: saved}, RecordingConfig(storage=storage)) as writer:
+    recording = RecordingConfig(storage="mcap" if kind == ".mcap" else "sqlite3")
+    with BagWriter(out, metadata | {RECOVERED: saved}, recording) as writer:
         for connection in reader.connections:
-            offered = profiles(connection) or [offered_qos(connection.topic)]
+            offered = any_bag.profiles(connection) or [offered_qos(connection.topic)]
             writer.add_topic(connection.topic, connection.msgtype, offered, reader.definition(connection))
         for connection, time_ns, raw in reader.messages():
             writer.write(connection.topic, time_ns, raw)

@@ -23,29 +23,6 @@ STANDSTILL_S = 1.0
 """A replay that is later than this does not catch up: its schedule waits for it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReplayOptions:
-    """How to play a bag.
-
-    Args:
-        rate: seconds of the bag in a second.
-        start_offset_s: where in the bag to begin.
-        patterns: topics to play, as names or with ``*``, ``?`` and ``[…]``; empty: all.
-        states_to_nodes: whether the recorded joint states get the name that live nodes listen to.
-    """
-
-    rate: float = 1.0
-    start_offset_s: float = 0.0
-    patterns: tuple[str, ...] = ()
-    states_to_nodes: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.rate < math.inf:
-            raise ConfigError("rate", self.rate, "a finite number above 0")
-        if not 0.0 <= self.start_offset_s < math.inf:
-            raise ConfigError("start-offset", self.start_offset_s, "a finite time in s, 0 or more")
-
-
 @dataclass(frozen=True)
 class ReplayedTopic:
     """A topic of a bag, and the name under which it is published.
@@ -63,31 +40,48 @@ class ReplayedTopic:
 class Replay:
     """A bag with what is to be played of it.
 
+    Args:
+        reader: of the bag.
+        rate: seconds of the bag in a second.
+        start_offset_s: where in the bag to begin.
+        patterns: topics to play, as names or with ``*``, ``?`` and ``[…]``; empty: all.
+        states_to_nodes: whether the recorded joint states get the name that live nodes listen to.
+
     Raises:
         BagError: a bag of ROS 1, an empty one, one without a topic that was asked for, or, where joint states
             are to go to the nodes, without or with several topics of them.
-        ConfigError: it is shorter than the offset.
+        ConfigError: the rate is none, the offset is no time, or the bag is shorter.
     """
 
-    def __init__(self, bag: Path, reader: AnyBag, options: ReplayOptions) -> None:
+    def __init__(
+        self,
+        reader: AnyBag,
+        rate: float = 1.0,
+        start_offset_s: float = 0.0,
+        patterns: Sequence[str] = (),
+        states_to_nodes: bool = False,
+    ) -> None:
+        if not 0.0 < rate < math.inf:
+            raise ConfigError("rate", rate, "a finite number above 0")
+        if not 0.0 <= start_offset_s < math.inf:
+            raise ConfigError("start-offset", start_offset_s, "a finite time in s, 0 or more")
         if not reader.is2:
-            raise BagError(bag, "is a bag of ROS 1", "a rosbag2 (rosbags-convert makes one of it)")
-        chosen = _chosen(bag, [c for c in reader.connections if c.msgcount], options.patterns)
-        self._bag, self._reader = bag, reader
-        self.start_ns = reader.start_time + round(options.start_offset_s * NS_PER_S)
+            raise BagError(reader.bag, "is a bag of ROS 1", "a rosbag2 (rosbags-convert makes one of it)")
+        chosen = _chosen(reader, patterns)
+        self._reader, self.rate = reader, rate
+        self.start_ns = reader.start_time + round(start_offset_s * NS_PER_S)
         """Time in the bag at which the replay begins."""
         self.end_ns = reader.end_time
         """Time in the bag at which it is over."""
         if self.start_ns >= self.end_ns:
             length_s = (self.end_ns - reader.start_time) / NS_PER_S
-            raise ConfigError("start-offset", options.start_offset_s, f"less than the bag's {length_s:.3f} s")
-        states = _states(bag, chosen) if options.states_to_nodes else None
+            raise ConfigError("start-offset", start_offset_s, f"less than the bag's {length_s:.3f} s")
+        states = _states(reader.bag, chosen) if states_to_nodes else None
+        names = {c.topic: topics.absolute(c.topic.removeprefix("/"), PREFIX) for c in chosen}
         self.topics = tuple(
             ReplayedTopic(
                 connection,
-                topics.JOINT_STATES
-                if connection is states
-                else topics.absolute(connection.topic.removeprefix("/"), PREFIX),
+                topics.JOINT_STATES if connection is states else names[connection.topic],
                 is_latched(connection),
                 reader.definition(connection)[1],
             )
@@ -105,7 +99,7 @@ class Replay:
         latched = [t.connection for t in played if t.latched]
         earlier = self._reader.messages(latched, stop=self.start_ns) if latched else iter(())
         from_here = self._reader.messages([t.connection for t in played], start=self.start_ns)
-        with reading(self._bag):  # what the consumer does wrong is not raised in here
+        with reading(self._reader.bag):  # what the consumer does wrong is not raised in here
             for connection, time_ns, raw in chain(earlier, from_here):
                 topic = by_connection[connection.topic, connection.id]
                 yield topic, max(time_ns, self.start_ns), raw
@@ -158,13 +152,15 @@ class ReplaySchedule:
             self.most_late_s = max(self.most_late_s, late_s)
 
 
-def _chosen(bag: Path, connections: Sequence[Connection], patterns: Sequence[str]) -> list[Connection]:
+def _chosen(reader: AnyBag, patterns: Sequence[str]) -> list[Connection]:
+    connections = [c for c in reader.connections if c.msgcount]
     names = sorted({connection.topic for connection in connections})
     if not names:
-        raise BagError(bag, "holds no message", "a bag with messages")
+        raise BagError(reader.bag, "holds no message", "a bag with messages")
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
-            raise BagError(bag, f"has no topic {pattern} with messages", f"some of {', '.join(names)}")
+            found = f"has no topic {pattern} with messages"
+            raise BagError(reader.bag, found, f"some of {', '.join(names)}")
     return [c for c in connections if not patterns or any(fnmatchcase(c.topic, p) for p in patterns)]
 
 

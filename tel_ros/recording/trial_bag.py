@@ -18,21 +18,11 @@ from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.core.springs import SpringChange, Springs
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialReport
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording import topics
-from tel_ros.recording.any_bag import (
-    METADATA_FILE,
-    AnyBag,
-    all_messages,
-    bag_information,
-    custom_data,
-    open_any_bag,
-    reading,
-    what_is,
-)
+from tel_ros.recording import any_bag, topics
+from tel_ros.recording.any_bag import AnyBag
 from tel_ros.recording.bag_writer import CHECKSUMS, RECOVERED, sha256
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.config_file import config_from, dump_config
-from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.provenance import stored_files
 from tel_ros.recording.trial_result import report_of
 
@@ -89,15 +79,17 @@ def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
             after a crash, it does not hold what a trial holds, it yields fewer messages than it announces, or
             fewer control states than the trial had ticks.
     """
-    metadata = read_metadata(bag, recovered=recovered)
-    with _opened(bag) as reader:
+    with _opened(bag, recovered) as (reader, metadata):
         states, results, goals = (
-            [message for _, message in _messages(reader, bag, topic)]
+            [message for _, message in _messages(reader, topic)]
             for topic in (topics.CONTROL_STATES, topics.TRIAL_RESULT, topics.TRIAL_GOAL)
         )
         if RECOVERED in metadata and not results and goals:
             results = [None]
-        return _trial(bag, metadata, states, results, goals)
+        for what, messages in (("results", results), ("goals", goals)):
+            if len(messages) != 1:
+                raise BagError(bag, f"holds {len(messages)} trial {what}", "exactly one")
+        return _trial(bag, metadata, states, results[0], goals[0])
 
 
 def read_report(bag: Path) -> TrialReport:
@@ -114,25 +106,24 @@ def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
     Raises:
         BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
     """
-    read_metadata(bag)
-    with _opened(bag) as reader:
-        return _messages(reader, bag, topic)
+    with _opened(bag) as (reader, _):
+        return _messages(reader, topic)
 
 
 def check_bag(bag: Path) -> None:
     """Raise BagError unless a bag is closed, unchanged, not recovered and can be opened; reads no message."""
-    read_metadata(bag)
     with _opened(bag):
         pass
 
 
 @contextmanager
-def _opened(bag: Path) -> Iterator[AnyBag]:
+def _opened(bag: Path, recovered: bool = False) -> Iterator[tuple[AnyBag, dict[str, str]]]:
     """Open a bag; whatever goes wrong with it, meanwhile as well, becomes a BagError."""
-    with reading(bag, _EXPECTED):
+    metadata = read_metadata(bag, recovered=recovered)
+    with any_bag.reading(bag, _EXPECTED):
         check_sums(bag)
-        with open_any_bag(bag) as reader:
-            yield reader
+        with any_bag.open_any_bag(bag) as reader:
+            yield reader, metadata
 
 
 def check_sums(bag: Path) -> None:
@@ -146,13 +137,7 @@ def check_sums(bag: Path) -> None:
             raise BagError(bag, found, f"the checksum in {CHECKSUMS}")
 
 
-def _trial(
-    bag: Path, metadata: dict[str, str], states: list[Any], results: list[Any], goals: list[Any]
-) -> RecordedTrial:
-    for what, messages in (("results", results), ("goals", goals)):
-        if len(messages) != 1:
-            raise BagError(bag, f"holds {len(messages)} trial {what}", "exactly one")
-    result, goal = results[0], goals[0]
+def _trial(bag: Path, metadata: dict[str, str], states: list[Any], result: Any, goal: Any) -> RecordedTrial:
     # Of a trial whose recording ended before it did only the goal tells.
     report = _unfinished(goal, metadata[RECOVERED]) if result is None else report_of(result)
     joints = tuple((goal if result is None else result).joint_names)
@@ -172,6 +157,7 @@ def _trial(
 
     derivatives = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
     phase = np.array([state.phase for state in states], dtype=np.int64)
+    same = ("equilibrium_rad", "position_rad", "velocity_rad_s", "effort_nm")
     return RecordedTrial(
         bag=bag,
         metadata=metadata,
@@ -180,10 +166,7 @@ def _trial(
         time_ns=np.array([time_ns(state.header.stamp) for state in states], dtype=np.int64),
         phase=phase,
         desired=np.hstack([column(f"desired_{name}") for name in derivatives]),
-        equilibrium_rad=column("equilibrium_rad"),
-        position_rad=column("position_rad"),
-        velocity_rad_s=column("velocity_rad_s"),
-        effort_nm=column("effort_nm"),
+        **{name: column(name) for name in same},
         saturated=column("saturated").astype(bool),
         command_std_rad=_command_std(bag, goal, int(np.count_nonzero(phase == Phase.RUN))),
         springs=_springs(bag, metadata, goal, joints),
@@ -192,6 +175,7 @@ def _trial(
 
 def _unfinished(goal: Any, why: str) -> TrialReport:
     """Return what is known of a trial whose recording ended before it did."""
+    unknown = np.full(len(goal.joint_names), math.nan)
     return TrialReport(
         index=int(goal.trial),
         alpha=float(goal.alpha),
@@ -199,9 +183,9 @@ def _unfinished(goal: Any, why: str) -> TrialReport:
         outcome=Outcome.ABORTED,
         message=f"the recording has no end: recovered {why}",
         rms_error_rad=math.nan,
-        rms_error_per_joint_rad=np.full(len(goal.joint_names), math.nan),
+        rms_error_per_joint_rad=unknown,
         max_error_rad=math.nan,
-        max_effort_nm=np.full(len(goal.joint_names), math.nan),
+        max_effort_nm=unknown,
         saturated_ratio=math.nan,
     )
 
@@ -245,18 +229,15 @@ def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
 def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
     """Return what was stored beside the messages of a closed bag.
 
-    Raises:
-        BagError: there is no closed bag, its metadata are not readable, or it was recovered after a crash and
-            that will not do.
+    Raises BagError if there is none, its metadata are not readable, or it was recovered and that will not do.
     """
-    file = bag / METADATA_FILE
+    file = bag / any_bag.METADATA_FILE
     if not file.is_file():
-        unclosed = bag.is_dir() and any(data_kind(each) in DATA_FILES for each in bag.iterdir())
-        raise BagError(
-            bag, "has no metadata.yaml: it was never closed" if unclosed else what_is(bag), _EXPECTED
-        )
-    information = bag_information(bag)
-    metadata = custom_data(information)
+        unclosed = bag.is_dir() and any_bag.files_in(bag)
+        found = "has no metadata.yaml: it was never closed" if unclosed else any_bag.what_is(bag)
+        raise BagError(bag, found, _EXPECTED)
+    information = any_bag.bag_information(bag)
+    metadata = any_bag.custom_data(information)
     # Anybody's data would do without; here the mark of a recovered bag stands, and how much there has to be.
     for key, kind in (("custom_data", dict), ("topics_with_message_count", list)):
         if not isinstance(information.get(key, "") or kind(), kind) or key not in information:
@@ -267,11 +248,11 @@ def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
     return metadata
 
 
-def _messages(reader: AnyBag, bag: Path, topic: str) -> list[tuple[int, Any]]:
+def _messages(reader: AnyBag, topic: str) -> list[tuple[int, Any]]:
     connections = [c for c in reader.connections if topics.is_named(c.topic, topic)]
     if not connections:
-        raise BagError(bag, f"has no topic {topics.absolute(topic)}", "a bag of a trial")
-    return all_messages(bag, reader, connections, exactly=True)
+        raise BagError(reader.bag, f"has no topic {topics.absolute(topic)}", "a bag of a trial")
+    return reader.contents(connections, exactly=True)
 
 
 def read_arm_record(
@@ -279,12 +260,8 @@ def read_arm_record(
 ) -> tuple[dict[int, tuple[tuple[float, ...], tuple[float, ...]]], list[tuple[int, tuple[float, ...]]]]:
     """Return the joint states and the commands of a trial, of joints in the order of the messages.
 
-    Returns:
-        Stamp [ns] to positions in rad and velocities in rad/s; and stamps of the states that were answered,
-        each with the command that answered it.
-
-    Raises:
-        BagError: the bag cannot be read, or holds no joint states.
+    Stamp [ns] to positions in rad and velocities in rad/s; and stamps of the states that were answered, each
+    with the command that answered it. BagError: the bag cannot be read, or holds no joint states.
     """
     states = {
         stamp_ns: (tuple(state.position.tolist()), tuple(state.velocity.tolist()))

@@ -26,7 +26,7 @@ from tel_ros.nodes import qos  # noqa: E402
 from tel_ros.nodes.bag_player import BagPlayer, message_class  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.any_bag import open_any_bag  # noqa: E402
-from tel_ros.recording.replay import Replay, ReplayOptions  # noqa: E402
+from tel_ros.recording.replay import Replay  # noqa: E402
 
 pytestmark = pytest.mark.timeout(240)
 MADE_UP = "nobody_msgs/msg/Nothing"
@@ -59,7 +59,7 @@ def test_what_is_heard_is_what_was_recorded(graph: Callable[..., Graph], tmp_pat
         )
     ticks = client.listen(Clock, topics.CLOCK)
     with open_any_bag(bag) as reader:
-        replay = Replay(bag, reader, ReplayOptions())
+        replay = Replay(reader)
         with BagPlayer(replay) as player:
             # What is known to the graph may not be connected yet; volatile messages are for connected ones.
             awaited = [player._clock, *(player._publishers[f"/replay/{topic}"] for topic in _TOPICS)]
@@ -103,7 +103,7 @@ def test_time_stands_still_in_a_pause(graph: Callable[..., Graph], tmp_path: Pat
 
     with (
         open_any_bag(bag) as reader,
-        BagPlayer(Replay(bag, reader, ReplayOptions()), toggled=end_it) as player,
+        BagPlayer(Replay(reader), toggled=end_it) as player,
     ):
         playing = threading.Thread(target=play, args=(player,))
         playing.start()

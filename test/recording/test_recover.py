@@ -161,7 +161,7 @@ def test_even_a_recording_that_only_lacked_its_name_is_marked(
     unfinished.parent.mkdir()
     bag.rename(unfinished)
     found = recover(unfinished)
-    assert found.has_result and found.lost_bytes >= 0
+    assert found.has_result and found.files[0].lost_bytes >= 0
     assert sorted(contents(found.bag)) == sorted(trial.messages())
     with pytest.raises(BagError, match="was recovered after a crash"):
         read_trial(found.bag)
@@ -195,7 +195,7 @@ def test_a_transaction_that_did_not_end_is_taken_back(tmp_path: Path, trial: Syn
     assert (unfinished / "trial_003.db3-journal").stat().st_size > 0
     found = recover(unfinished)
     assert [m[0] for m in contents(found.bag)] == [topics.TRIAL_GOAL]
-    assert found.lost_bytes > 0
+    assert found.files[0].lost_bytes > 0
 
 
 @pytest.mark.parametrize("text", [None, "", "- a\n- b", "a: [", "\x00"])

@@ -17,7 +17,7 @@ from tel_ros.core.errors import BagError, ConfigError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording import topics
 from tel_ros.recording.any_bag import open_any_bag
-from tel_ros.recording.replay import STANDSTILL_S, Replay, ReplayOptions, ReplaySchedule
+from tel_ros.recording.replay import STANDSTILL_S, Replay, ReplaySchedule
 
 ROWS = [
     ("/mode", TEXT, 1 * NS_PER_S, text("fast")),
@@ -31,7 +31,7 @@ ROWS = [
 @contextmanager
 def opened(bag: Path, **options: object) -> Iterator[Replay]:
     with open_any_bag(bag) as reader:
-        yield Replay(bag, reader, ReplayOptions(**options))
+        yield Replay(reader, **options)
 
 
 def names(bag: Path, **options: object) -> dict[str, str]:
@@ -119,15 +119,15 @@ def test_an_offset_beyond_the_end_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_that_is_none_is_refused(value: float) -> None:
+def test_a_rate_that_is_none_is_refused(tmp_path: Path, value: float) -> None:
     with pytest.raises(ConfigError, match="rate is"):
-        ReplayOptions(rate=value)
+        names(write_bag(tmp_path / "bag", ROWS), rate=value)
 
 
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
-def test_an_offset_that_is_none_is_refused(value: float) -> None:
+def test_an_offset_that_is_none_is_refused(tmp_path: Path, value: float) -> None:
     with pytest.raises(ConfigError, match="start-offset is"):
-        ReplayOptions(start_offset_s=value)
+        names(write_bag(tmp_path / "bag", ROWS), start_offset_s=value)
 
 
 def test_a_bag_of_ros_1_is_refused_with_the_way_out(tmp_path: Path) -> None:

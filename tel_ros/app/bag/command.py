@@ -147,8 +147,9 @@ def recover(unfinished: Path, out: Path | None, as_json: bool) -> None:
 
     found = recover(unfinished, out)
     if as_json:
+        lost_bytes = sum(file.lost_bytes for file in found.files)
         of_paths = {"bag": str(found.bag), "unfinished": str(unfinished)}
-        click.echo(json.dumps({**asdict(found), "lost_bytes": found.lost_bytes, **of_paths}, indent=2))
+        click.echo(json.dumps({**asdict(found), "lost_bytes": lost_bytes, **of_paths}, indent=2))
         return
     for topic, n in found.counts.items():
         click.echo(f"{n:8d}  {topic}")

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from heapq import merge
 from pathlib import Path
 
+from rosbags.interfaces import Connection
+
 from tel_ros.core.config import RecordingConfig
 from tel_ros.core.errors import BagError
 from tel_ros.core.types import NS_PER_S
@@ -15,15 +17,7 @@ from tel_ros.recording.any_bag import AnyBag, open_any_bag, profiles, reading
 from tel_ros.recording.bag_format import offered_qos
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.bag_writer import BagWriter
-from tel_ros.recording.export.added_messages import (
-    ADDED,
-    STREAMED,
-    Added,
-    ExportedArm,
-    exported_arm,
-    messages_of_arm,
-    messages_of_trial,
-)
+from tel_ros.recording.export import added_messages as added
 from tel_ros.recording.run_folder import is_run_folder, trial_bags
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
@@ -53,19 +47,23 @@ class Export:
 
     folder: Path
     file: Path
-    arm: ExportedArm
+    arm: added.ExportedArm
     counts: dict[str, int]
     trials: tuple[ExportedTrial, ...]
     left_out: dict[Path, str]
+
+
+class _LeftOutError(Exception):
+    """A bag that does not get into the file; says why."""
 
 
 def export(source: Path, out: Path) -> Export:
     """Write a run, or a single trial, into one MCAP file, which is also a rosbag2 folder.
 
     Everything that was recorded is there byte by byte, with its definition; what is added to it lies on
-    topics of its own (:data:`ADDED`). The time of a message in the file is the recorded one as long as that
-    does not go back from one trial to the next (:class:`Timeline`); stamps inside recorded messages are never
-    touched.
+    topics of its own (:data:`.added_messages.ADDED`). The time of a message in the file is the recorded one
+    as long as that does not go back from one trial to the next (:class:`Timeline`); stamps inside recorded
+    messages are never touched.
 
     Raises:
         BagError: there is neither run nor bag, no trial of it is whole, the arm's description is missing, or
@@ -86,7 +84,7 @@ def export(source: Path, out: Path) -> Export:
                 try:
                     trial = _whole_trial(bag)
                     if run is None:
-                        arm = exported_arm(bag, trial.metadata)
+                        arm = added.exported_arm(bag, trial.metadata)
                         recording = RecordingConfig(chunk_s=_SYNC_S)
                         writer = BagWriter(out, {"exported": source.resolve().name}, recording)
                         run = _RunWriter(stack.enter_context(writer), arm)
@@ -103,10 +101,6 @@ def export(source: Path, out: Path) -> Export:
             run.writer.discard()  # it can be exported again
         raise
     return Export(out, out / f"{out.name}.mcap", run.arm, run.writer.counts, tuple(run.trials), left_out)
-
-
-class _LeftOutError(Exception):
-    """A bag that does not get into the file; says why."""
 
 
 def _whole_trial(bag: Path) -> RecordedTrial:
@@ -143,57 +137,54 @@ class _RunWriter:
     """Writes the trials of one arm after another."""
 
     writer: BagWriter
-    arm: ExportedArm
+    arm: added.ExportedArm
     trials: list[ExportedTrial] = field(default_factory=list)
     _timeline: Timeline = field(default_factory=Timeline)
     _types: dict[str, str] = field(default_factory=dict)
 
     def add(self, trial: RecordedTrial) -> None:
         """Append a trial; _LeftOutError, with nothing written, if it does not fit the arm or the topics."""
-        arm = self.arm or exported_arm(trial.bag, trial.metadata)
-        if trial.joints != arm.config.joints:
-            raise _LeftOutError(
-                f"is of the joints {', '.join(trial.joints)}, not {', '.join(arm.config.joints)}"
-            )
+        joints, expected = (", ".join(each.joints) for each in (trial, self.arm.config))
+        if joints != expected:
+            raise _LeftOutError(f"is of the joints {joints}, not {expected}")
         with open_any_bag(trial.bag) as reader:
             self._announce(reader)
             # For rosbags, the end is the nanosecond after the last message.
-            first_ns, last_ns = reader.start_time, reader.end_time - 1
-            shift_ns = self._timeline.place(first_ns, last_ns)
-            begin_ns, end_ns = first_ns + shift_ns, last_ns + shift_ns
+            shift_ns = self._timeline.place(reader.start_time, reader.end_time - 1)
+            begin_ns, end_ns = reader.start_time + shift_ns, reader.end_time - 1 + shift_ns
             if not self.trials:
-                for topic, time_ns, raw in messages_of_arm(self.arm, begin_ns):
+                for topic, time_ns, raw in added.messages_of_arm(self.arm, begin_ns):
                     self.writer.write(topic, time_ns, raw)
-            added = messages_of_trial(trial, self.arm, begin_ns, end_ns, shift_ns)
-            recorded = _recorded(trial.bag, reader, shift_ns)
-            for topic, time_ns, raw in merge(added, recorded, key=lambda message: message[1]):
+            made = added.messages_of_trial(trial, self.arm, begin_ns, end_ns, shift_ns)
+            for topic, time_ns, raw in merge(
+                made, _recorded(reader, shift_ns), key=lambda message: message[1]
+            ):
                 self.writer.write(topic, time_ns, raw)
         span_s = (begin_ns / NS_PER_S, end_ns / NS_PER_S, shift_ns / NS_PER_S)
         self.trials.append(ExportedTrial(trial.bag, trial.report.index, *span_s))
 
     def _announce(self, reader: AnyBag) -> None:
         """Announce the topics of a bag that are new; with the first bag also those that are added."""
-        types = dict(self._types)
+        types, new = dict(self._types), dict[str, tuple[Connection, tuple[str, str]]]()
         for connection in reader.connections:
-            if connection.topic in ADDED:
+            if connection.topic in added.ADDED:
                 raise _LeftOutError(f"has a topic {connection.topic}, which the export adds")
-            _, found = reader.definition(connection)
-            if types.setdefault(connection.topic, found) != found:
-                raise _LeftOutError(
-                    f"defines {connection.msgtype} on {connection.topic} otherwise than before"
-                )
-        for connection in reader.connections:
+            defined = reader.definition(connection)
+            if types.setdefault(connection.topic, defined[1]) != defined[1]:
+                found = f"defines {connection.msgtype} on {connection.topic} otherwise than before"
+                raise _LeftOutError(found)
             if connection.topic not in self._types:
-                self._types[connection.topic] = types[connection.topic]
-                defined = reader.definition(connection)
-                self.writer.add_topic(connection.topic, connection.msgtype, profiles(connection), defined)
+                new.setdefault(connection.topic, (connection, defined))
+        self._types = types
+        for connection, defined in new.values():
+            self.writer.add_topic(connection.topic, connection.msgtype, profiles(connection), defined)
         if not self.trials:
-            for topic, kind in ADDED.items():
-                qos = offered_qos(topic, latched=topic not in STREAMED)
+            for topic, kind in added.ADDED.items():
+                qos = offered_qos(topic, latched=topic not in added.STREAMED)
                 self.writer.add_topic(topic, kind, [qos])
 
 
-def _recorded(bag: Path, reader: AnyBag, shift_ns: int) -> Iterator[Added]:
-    with reading(bag):
+def _recorded(reader: AnyBag, shift_ns: int) -> Iterator[added.Added]:
+    with reading(reader.bag):
         for connection, time_ns, raw in reader.messages():
             yield connection.topic, time_ns + shift_ns, raw

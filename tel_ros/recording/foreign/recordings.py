@@ -16,7 +16,7 @@ import numpy as np
 from tel_ros.core.errors import InputFileError
 from tel_ros.core.learning.joint_recording import JointRecording
 from tel_ros.core.types import NS_PER_S, FloatArray
-from tel_ros.recording.any_bag import all_messages, open_any_bag, reading
+from tel_ros.recording.any_bag import open_any_bag, reading
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.foreign.csv_files import read_csv_recording
@@ -140,7 +140,7 @@ def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
                 raise InputFileError(
                     bag, f"has {topic} serialised as {fmt!r}", "messages serialised as 'cdr'"
                 )
-            read[topic] = all_messages(bag, reader, connections)
+            read[topic] = reader.contents(connections)
     if not any(read.values()):
         raise InputFileError(bag, f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
     told = {t: _with_effort(kinds[t], messages, wanted.renaming) for t, messages in read.items()}
