@@ -196,8 +196,8 @@ class FaultGraph:
         return (said or lines or [""])[-1]
 
     def log(self, name: str) -> str:
-        """Return what a node has logged."""
-        file = self.run / LOG_FOLDER / f"{name}.log"
+        """Return what a node has logged, or ``tel`` has said."""
+        file = self._folder / "tel.err" if name == "tel" else self.run / LOG_FOLDER / f"{name}.log"
         return file.read_text(errors="replace") if file.exists() else ""
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, FaultGraph
-from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, judge
+from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, crashes, judge
 from fault_kind import Kind
 from fault_kinds import ANY_REASON, FROZEN_RAD, KINDS, SILENCE_S
 from fault_plan import Fault
@@ -178,6 +178,8 @@ class Injection:
         row.excursion_rad = _number(verdict.excursion_rad, 3)
         if self._graph.ended():
             self._check_end(kind, row, trace)
+            logs = {name: self._graph.log(name) for name in self._graph.nodes()}
+            row.violations += crashes(logs, row.message, kind.name.removeprefix("kill_"))
 
     def _noticed_ns(self, fault: Fault, trace: Trace) -> int:
         """Return the arm time from which the fault could be noticed."""

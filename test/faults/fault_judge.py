@@ -18,7 +18,8 @@ act, no joint may go further than energy, weight and springs explain (:mod:`faul
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,6 +59,9 @@ class JointLimits:
     position_min_rad: FloatArray
     position_max_rad: FloatArray
     velocity_rad_s: FloatArray
+
+
+TRACEBACK, FATAL = "Traceback (most recent call last)", "Fatal Python error"
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,20 @@ def caught_up_ns(stamp_ns: IntArray, arrived_s: FloatArray, n_before: int, since
     delay_s = arrived_s - stamp_ns / NS_PER_S
     in_time = (stamp_ns >= since_ns) & (delay_s <= np.median(delay_s[:n_before]) + DELAY_S)
     return int(stamp_ns[np.argmax(in_time)]) if in_time.any() else since_ns
+
+
+def crashes(logs: Mapping[str, str], said: str, killed: str) -> list[str]:
+    """Return which processes broke down by themselves, whatever their last words were.
+
+    ``logs``: by process; ``said``: what the run said at its end; ``killed``: the one that the fault kills.
+    """
+    found = [
+        f"{name} broke down: {text.strip().splitlines()[-1]}"
+        for name, text in logs.items()
+        if TRACEBACK in text or FATAL in text
+    ]
+    ended = re.findall(r"node (\w+) (was killed by \w+|ended with code -?\d+)", said)
+    return found + [f"{name} {how}" for name, how in ended if name != killed]
 
 
 def judge(trace: Trace, limits: JointLimits, episode: Episode) -> Verdict:

@@ -14,6 +14,7 @@ from fault_judge import (
     Trace,
     Verdict,
     caught_up_ns,
+    crashes,
     judge,
     largest_work_from,
 )
@@ -311,3 +312,25 @@ def test_a_simulation_that_stood_still_is_calm_once_its_states_are_as_punctual_a
     stamps = np.array([0, 4, 8, 1_000, 1_004, 1_008, 1_012]) * 1_000_000
     arrived = 5000.0 + stamps / 1e9 + np.array([0.001, 0.001, 0.05, *np.array(late_s) + 0.001])
     assert caught_up_ns(stamps, arrived, n_before=3, since_ns=1_000_000_000) == calm_ns
+
+
+@pytest.mark.parametrize(
+    ("log", "said", "found"),
+    [
+        ("[INFO] ended", "tel: node ep_controller was killed by SIGKILL; it said last: …", []),
+        ("Traceback (most recent call last):\n …\nOSError: No space left", "", ["OSError: No space left"]),
+        ("Fatal Python error: Segmentation fault", "", ["Fatal Python error"]),
+        (
+            "",
+            "tel: node trial_recorder ended with code 1; No space left",
+            ["ended with code 1"],
+        ),
+        ("", "tel: node inverse_dynamics was killed by SIGSEGV; no joint state", ["killed by SIGSEGV"]),
+    ],
+)
+def test_a_process_that_broke_down_by_itself_is_found_whatever_it_said_last(
+    log: str, said: str, found: list[str]
+) -> None:
+    violations = crashes({"trial_recorder": log}, said, "ep_controller")
+    assert len(violations) == len(found)
+    assert all(text in violation for text, violation in zip(found, violations, strict=True))
