@@ -172,15 +172,15 @@ def _figure(name: str, form: str) -> Any:
     return text
 
 
-COLUMNS = [
-    Column[Row]("fault", lambda row: CASES[row[0]], left=True),
+COLUMNS: list[Column[Row]] = [
+    Column("fault", lambda row: CASES[row[0]], left=True),
     Column("arm_guard", lambda row: "on" if row[1] else "off", left=True),
     Column("runs", lambda row: len(row[2])),
     Column("stopped after s", _figure("stopped_s", ".3f")),
     Column("fastest rad/s", _figure("speed_rad_s", ".2f")),
     Column("way rad", _figure("way_rad", ".2f")),
     Column("at the stops s", _figure("at_stops_s", ".2f")),
-    Column("further trials", lambda row: sum(run.further for run in row[2])),
+    Column("further trials", lambda row: sum(each.further for each in row[2])),
     Column("first effort s", _figure("first_effort_s", ".1f")),
 ]
 
