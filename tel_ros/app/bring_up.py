@@ -101,7 +101,7 @@ class NodeProcesses:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: object) -> None:
         """End the nodes; an error, or Ctrl-C, then tells what was seen meanwhile."""
         seen = self.stop()
-        if isinstance(error, KeyboardInterrupt):
+        if isinstance(error, Interruption.errors()):
             raise Interrupted(seen) from None
         if isinstance(error, GraphError) and "ep_controller" in self._processes:
             raise GraphError(f"{error}; {seen}", error.exit_code) from None

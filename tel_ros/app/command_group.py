@@ -20,6 +20,7 @@ from tel_ros.app.errors import (
     EXIT_GRAPH_FAILED,
     EXIT_INTERRUPTED,
     GraphError,
+    Interruption,
     end,
     wants_traceback,
 )
@@ -115,7 +116,7 @@ class CommandGroup(LazyGroup):
                 return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
-        except KeyboardInterrupt:
+        except Interruption.errors():
             end("interrupted", EXIT_INTERRUPTED)
         except GraphError as error:
             end(str(error), error.exit_code)

@@ -65,6 +65,11 @@ class Interruption:
             raise KeyboardInterrupt
 
     @classmethod
+    def errors(cls) -> tuple[type[BaseException], ...]:
+        """Return what an interruption arrives as: pybind11 (rclpy) makes a RuntimeError of it in mid-call."""
+        return (KeyboardInterrupt, RuntimeError) if cls.asked else (KeyboardInterrupt,)
+
+    @classmethod
     def _on_signal(cls, number: int, frame: object) -> None:
         if number == signal.SIGHUP:
             # The terminal is gone; an error on writing there must not keep the nodes from ending in order.

@@ -21,6 +21,7 @@ from tel_ros.app.errors import (
     EXIT_INTERRUPTED,
     EXIT_NOT_COMPLETED,
     GraphError,
+    Interrupted,
     Interruption,
     end,
 )
@@ -103,8 +104,9 @@ def practice(
                 result = practise(config, folder, progress.update, beside, namespace)
     except GraphError as error:
         end(f"{error}{_left(folder)}", error.exit_code)
-    except KeyboardInterrupt as seen:
-        end(f"interrupted: {str(seen) or 'no node was running'}{_left(folder)}", EXIT_INTERRUPTED)
+    except Interruption.errors() as error:
+        seen = error if isinstance(error, Interrupted) else "no node was running"
+        end(f"interrupted: {seen}{_left(folder)}", EXIT_INTERRUPTED)
     try:
         summary = read_summary(folder)
     except TelError as error:  # a full disk may have left none

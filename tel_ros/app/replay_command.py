@@ -87,7 +87,7 @@ def replay(
                 there = sum(reader.announced[name] for name in {t.connection.topic for t in player.played})
                 while loop:
                     player.play(replayed.rate)
-    except KeyboardInterrupt:
+    except Interruption.errors():
         end("interrupted: nothing is published any more", EXIT_INTERRUPTED)
     click.echo(f"{counted(player.published, 'message')} published")
     if player.stood_still_s > 0.0:

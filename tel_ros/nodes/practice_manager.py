@@ -284,7 +284,17 @@ class PracticeManagerNode(Node):
             raise NoAnswerError("the run was ended from outside")
 
 
-main = partial(run_node, PracticeManagerNode, MultiThreadedExecutor)
+class _Executor(MultiThreadedExecutor):
+    """Ends after the callbacks that have begun, as rclpy 7.1 means to: it takes away what they need."""
+
+    def shutdown(self, timeout_sec: float = 1.0) -> bool:
+        end = time.monotonic() + timeout_sec
+        while not all(callback.done() for callback in self._futures) and time.monotonic() < end:
+            time.sleep(0.005)
+        return bool(super().shutdown(timeout_sec))
+
+
+main = partial(run_node, PracticeManagerNode, _Executor)
 
 if __name__ == "__main__":
     main()

@@ -128,8 +128,9 @@ def _run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -
             spin(lambda: node.stopped or time.monotonic() > end)
             end = time.monotonic() + _LAST_WORDS_S
             spin(lambda: time.monotonic() > end)
-    except KeyboardInterrupt:
-        pass
+    except (KeyboardInterrupt, RuntimeError):  # pybind11, and so rclpy, makes the other of it in mid-call
+        if whole or not ending:
+            raise
     except (TelError, ParameterException, NameValidationException) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)

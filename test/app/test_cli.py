@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import signal
 from pathlib import Path
 
 import click
@@ -16,7 +17,7 @@ from tel_interfaces.msg import TrialResult
 from tel_ros.app import practice_command
 from tel_ros.app.cli import main
 from tel_ros.app.command_group import CommandGroup
-from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError
+from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, EXIT_INTERRUPTED, GraphError, Interruption
 from tel_ros.core.errors import TelError, TrainingError
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -127,6 +128,19 @@ def test_the_exit_code_tells_wrong_input_from_a_graph_that_failed(error: TelErro
     group = CommandGroup("tel", commands={"fail": click.Command("fail", callback=fail)})
     result = CliRunner().invoke(group, ["fail"])
     assert (result.exit_code, result.stderr) == (code, f"tel: {error}\n")
+
+
+def test_ctrl_c_of_which_a_library_makes_another_error_is_an_interruption(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("Unable to convert call argument '0' to Python object")
+
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    group = CommandGroup("tel", commands={"fail": click.Command("fail", callback=fail)})
+    for asked, code in ((False, EXIT_GRAPH_FAILED), (True, EXIT_INTERRUPTED)):
+        monkeypatch.setattr(Interruption, "asked", asked)
+        assert CliRunner().invoke(group, ["fail"]).exit_code == code
 
 
 def test_a_warning_is_one_line_without_code() -> None:

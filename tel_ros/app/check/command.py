@@ -94,7 +94,7 @@ def check(
     try:
         config = load_config(config_file, overrides, partial(description_in, namespace))
         findings = check_arm(config, None if passive else bounds, agree, listen_s, namespace)
-    except KeyboardInterrupt:
+    except Interruption.errors():
         end("interrupted: zero effort was commanded if anything was", EXIT_INTERRUPTED)
     if as_json:
         keys = ("check", "joint", "verdict", "measured", "expected", "mend")
