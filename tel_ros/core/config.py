@@ -80,8 +80,17 @@ class PracticeConfig(Checked):
     ``adaptive_extension``). Everything else is as in the goal from the start."""
     first_duration_s: Positive = 11.5
     """Duration of the movement in the first trial."""
+    goal: Literal["duration", "fastest"] = "duration"
+    """``duration``: the movement in ``goal_duration_s``. ``fastest``: as fast as ``effort_share`` of the
+    effort limits allows, which practice finds out (docs/fastest.md); with ``adaptive_extension``."""
     goal_duration_s: Positive = 4.5
-    """Duration of the movement that is to be learned."""
+    """Duration of the movement that is to be learned; not used by ``goal: fastest``."""
+    timing: Literal["auto", "minimum_jerk", "time_optimal"] = "auto"
+    """How the arm goes along the path. ``time_optimal``: as fast everywhere as efforts, their rates and
+    velocities allow by what has been learned so far. ``auto``: that for ``goal: fastest``, else minimum
+    jerk."""
+    effort_share: Share = 0.9
+    """``goal: fastest``: how much of the effort limits the movement may use; the rest is for the springs."""
     first_amplitude: Share = 0.3
     """Size of the first path about its first posture, as a share of the goal's."""
     first_stiffness: Factor = 4.0
@@ -113,7 +122,17 @@ class PracticeConfig(Checked):
         expected = f"a finite angle of at least tolerance_rad = {self.tolerance_rad} rad"
         self.require(self.tolerance_rad <= self.step_tolerance_rad, "step_tolerance_rad", expected)
         is_slower = self.goal_duration_s <= self.first_duration_s
-        self.require(is_slower, "first_duration_s", f"a finite time {least}")
+        self.require(is_slower or self.is_fastest, "first_duration_s", f"a finite time {least}")
+        if self.is_fastest:
+            self.require(self.vary == ("speed",), "vary", "only speed, because goal is 'fastest'")
+        else:
+            expected = "'auto' or 'minimum_jerk', because goal is 'duration'"
+            self.require(self.timing != "time_optimal", "timing", expected)
+
+    @property
+    def is_fastest(self) -> bool:
+        """Whether the goal is to be as fast as the arm can."""
+        return self.goal == "fastest"
 
 
 @dataclass(frozen=True, kw_only=True)

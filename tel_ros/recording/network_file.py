@@ -27,7 +27,7 @@ from tel_ros.core.config import Config, LearningConfig
 from tel_ros.core.errors import ConfigError, NetworkFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner, LearnerContext, Predicts, StoredLearner
-from tel_ros.core.learning.registry import learner_kind
+from tel_ros.core.learning.registry import learner_kind, require_extrapolating
 from tel_ros.core.practice.movement_path import desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.recording.shared_files import missing, replacing
@@ -183,6 +183,8 @@ def new_network(config: Config) -> Learner:
 
     Raises ConfigError or, about the file of the earlier run, NetworkFileError.
     """
+    if config.practice.is_fastest:
+        require_extrapolating(config.learning.name)
     if config.learning.start_from:
         return _earlier(config)
     try:

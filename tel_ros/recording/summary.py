@@ -24,6 +24,9 @@ class TrialRow(TrialReport):
     reason: str = ""
     went_back_to: int | None = None
     expected_rms_rad: float = math.nan
+    effort_share: float | None = None
+    """How much of the effort limits the movement might use; None: its duration was given."""
+    possible_s: float = math.nan
     rms_command_change_rad: float = math.nan
     training_rms_before_rad: float = math.nan
     training_rms_after_rad: float = math.nan
@@ -40,6 +43,8 @@ class TrialRow(TrialReport):
             reason=done.plan.reason,
             went_back_to=done.plan.go_back_to,
             expected_rms_rad=done.plan.expected_rms_rad,
+            effort_share=done.plan.movement.effort_share,
+            possible_s=done.plan.possible_s,
             warning=done.warning,
             bag=bag,
             wall_s=wall_s,

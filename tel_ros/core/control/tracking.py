@@ -13,7 +13,7 @@ import numpy as np
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError, counted
-from tel_ros.core.trajectories.trajectory import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
+from tel_ros.core.trajectories.timing import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
 

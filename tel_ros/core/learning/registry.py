@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.learner import Learner, LearnerContext, LearnerKind, StoredLearner
 from tel_ros.core.learning.least_squares_learner import BASE, LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
@@ -23,6 +24,8 @@ class OurKind:
     """A :class:`~.learner.LearnerKind` of ours: ``make`` also returns the learner that is described."""
 
     make: Callable[[LearnerContext, StoredLearner | None], Learner]
+    extrapolates: bool = False
+    """Whether what it predicts goes with q̈ and with the square of q̇ as in rigid bodies, however fast."""
 
     def new(self, context: LearnerContext) -> Learner:
         """See :meth:`.learner.LearnerKind.new`."""
@@ -64,10 +67,24 @@ OURS: dict[str, LearnerKind] = {
     # Trees alone. ``learning.weights`` says how they learn.
     "lms_tree": OurKind(_trees),
     # The parameters of rigid links with friction; kinematics from the URDF.
-    "rigid_body": OurKind(_rigid_body),
+    "rigid_body": OurKind(_rigid_body, extrapolates=True),
     # Trees, solved by least squares, learn what rigid links leave over.
     "rigid_body+lms_tree": OurKind(_rigid_body_and_tree),
 }
+
+
+def require_extrapolating(name: str) -> None:
+    """Refuse a learner that cannot tell what faster movements need than those that it has seen.
+
+    A kind of another package tells by an attribute ``extrapolates``.
+
+    Raises:
+        ConfigError: it cannot, or is not known.
+    """
+    if not getattr(learner_kind(name), "extrapolates", False):
+        able = " or ".join(ours for ours, kind in OURS.items() if getattr(kind, "extrapolates", False))
+        expected = f"{able}, because practice.goal is 'fastest': it has to know what faster movements need"
+        raise ConfigError("learning.name", name, expected)
 
 
 @cache

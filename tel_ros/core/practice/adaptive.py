@@ -10,7 +10,7 @@ from tel_ros.core.errors import counted
 from tel_ros.core.learning.learner import rms
 from tel_ros.core.practice.course import Course
 from tel_ros.core.practice.feasibility import EffortLimit
-from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial
+from tel_ros.core.practice.strategy import Ending, Forecast, Forecaster, Movement, PlannedTrial
 from tel_ros.core.trial import Outcome, TrialReport
 
 _BISECTIONS = 6
@@ -217,8 +217,7 @@ class AdaptiveExtension:
         """Return the largest step after which the error should stay within the tolerance of a step."""
 
         def is_easy(slowness: float) -> bool:
-            std = rms(forecast(self._course.movement(slowness)).std_rad)
-            return self._ratio * std <= self._practice.step_tolerance_rad
+            return self._is_easy(forecast(self._course.movement(slowness)))
 
         low, high = max(hardest, self._slowness * math.exp(-self._largest_step)), self._slowness
         if is_easy(low):
@@ -237,6 +236,10 @@ class AdaptiveExtension:
         if high == self._slowness:
             reason = "repeated: no faster one is known well enough"
         return self._planned(high, forecast, reason)
+
+    def _is_easy(self, forecast: Forecast) -> bool:
+        """Return whether the error of a movement should stay within the tolerance of a step."""
+        return self._ratio * rms(forecast.std_rad) <= self._practice.step_tolerance_rad
 
     def _after_abort(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
         assert self._plan is not None

@@ -6,6 +6,7 @@ from tel_ros.core.errors import ConfigError
 from tel_ros.core.practice.strategy import Forecast, Movement
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import Path, blended, part, scaled
+from tel_ros.core.trajectories.timing import Timing
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
 from tel_ros.core.types import FloatArray
 
@@ -33,15 +34,21 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
 
 
 def desired_trajectory(
-    goal: Path, known: Path | None, movement: Movement, rate_hz: float
+    goal: Path, known: Path | None, movement: Movement, rate_hz: float, timing: Timing | None = None
 ) -> DesiredTrajectory:
-    """Return the trajectory of a movement, from rest to rest (see :func:`movement_path`)."""
-    return sample(movement_path(goal, known, movement), movement.own_duration_s, rate_hz)
+    """Return the trajectory of a movement, from rest to rest (see :func:`movement_path`).
+
+    ``timing``: None: minimum jerk in the movement's own duration.
+    """
+    return sample(movement_path(goal, known, movement), timing or movement.own_duration_s, rate_hz)
 
 
-def forecast_trajectory(goal: Path, known: Path | None, movement: Movement) -> DesiredTrajectory:
+def forecast_trajectory(
+    goal: Path, known: Path | None, movement: Movement, timing: Timing | None = None
+) -> DesiredTrajectory:
     """Return the trajectory to ask the learner about: coarse, with equally many points at any speed."""
-    return desired_trajectory(goal, known, movement, _FORECAST_POINTS / movement.own_duration_s)
+    duration_s = timing.duration_s if timing else movement.own_duration_s
+    return desired_trajectory(goal, known, movement, _FORECAST_POINTS / duration_s, timing)
 
 
 def forecast_of(
@@ -57,7 +64,7 @@ def forecast_of(
     the effort into a smaller deviation. Shapes (n, n_joints).
     """
     effort_nm = configured.effort(equilibrium_rad, desired.position_rad, desired.velocity_rad_s)
-    return Forecast(std_rad / movement.stiffness, effort_nm)
+    return Forecast(std_rad / movement.stiffness, effort_nm, desired.velocity_rad_s, desired.duration_s)
 
 
 def command(

@@ -15,6 +15,7 @@ from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.learning.learner import Learner, TrainingOutcome, std_along
 from tel_ros.core.learning.signals import configured_samples, learning_record
+from tel_ros.core.practice.learned_timings import LearnedTimings
 from tel_ros.core.practice.lock_up import LockUpMonitor
 from tel_ros.core.practice.movement_path import command, desired_trajectory, forecast_of, forecast_trajectory
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial, Strategy
@@ -141,6 +142,7 @@ class PracticeSession(Generic[TrialT]):
     ) -> None:
         self._config, self._path, self._known = config, path, known
         self._springs = Springs.of(config.arm)
+        self._timings = LearnedTimings(config, path, known)
         self.strategy, self.arm, self.network = strategy, arm, network
         self._last: TrialReport | None = None
         self._has_completed = False
@@ -153,6 +155,7 @@ class PracticeSession(Generic[TrialT]):
         is told is not tried again before somebody has looked at it.
         """
         last = self._last
+        self._timings.forget()  # others may have replaced the network
         if last is not None and last.outcome == Outcome.ABORTED and not self._has_completed:
             why = f"trial {last.index} was aborted: {last.message}"
             return Ending("aborted", f"{why}. No other follows while none has been completed")
@@ -163,8 +166,10 @@ class PracticeSession(Generic[TrialT]):
 
         Raises:
             ConfigError: its shape varies, and no path is known.
+            TrajectoryError: it is to be as fast as efforts allow, and they do not allow it at any speed.
         """
-        desired = forecast_trajectory(self._path, self._known, movement)
+        timing = self._timings.of(movement, self.network.predict)
+        desired = forecast_trajectory(self._path, self._known, movement, timing)
         prediction = self.network.predict(desired)
         return forecast_of(desired, *prediction[:2], self._springs, movement)
 
@@ -177,6 +182,7 @@ class PracticeSession(Generic[TrialT]):
             TrainingError: the trial cannot be learned from; the network stays as it was.
         """
         assert self.arm is not None
+        self._timings.forget()
         self._go_back(plan)
         return self._learn(plan, *self.arm.execute(self.commanded(plan)))
 
@@ -188,7 +194,9 @@ class PracticeSession(Generic[TrialT]):
     def commanded(self, plan: PlannedTrial) -> CommandedTrial:
         """Return a trial with the command that the network predicts for it."""
         movement = plan.movement
-        desired = desired_trajectory(self._path, self._known, movement, self._config.control.rate_hz)
+        timing = self._timings.of(movement, self.network.predict)
+        rate_hz = self._config.control.rate_hz
+        desired = desired_trajectory(self._path, self._known, movement, rate_hz, timing)
         prediction = self.network.predict(desired)
         springs, equilibrium_rad = command(self._springs, movement, desired, prediction.equilibrium_rad)
         goal = TrialGoal(plan.index, plan.alpha, desired, equilibrium_rad, springs)
@@ -201,6 +209,7 @@ class PracticeSession(Generic[TrialT]):
 
     def _learn(self, plan: PlannedTrial, report: TrialReport, trial: TrialT) -> PractisedTrial[TrialT]:
         self._last = report
+        self._timings.heed(report.given_nm)
         self._has_completed |= report.outcome == Outcome.COMPLETED
         on_abort = self._config.practice.on_abort
         try:

@@ -16,6 +16,7 @@ from tel_ros.core.errors import ConfigError, counted
 from tel_ros.core.plugins import plugin
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
+from tel_ros.core.practice.fastest import Fastest
 from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial, Strategy
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
@@ -179,10 +180,15 @@ class Subtasks:
         return AdaptiveExtension(config, course, first_index, first_slowness)
 
 
+def adaptive_extension(config: Config) -> AdaptiveExtension:
+    """Choose each step anew, on the way to a duration or to what the effort limits allow."""
+    return Fastest(config) if config.practice.is_fastest else AdaptiveExtension(config)
+
+
 GROUP = "tel_ros.strategies"
 OURS: dict[str, Callable[[Config], Strategy]] = {
     "trajectory_extension": trajectory_extension,
-    "adaptive_extension": AdaptiveExtension,
+    "adaptive_extension": adaptive_extension,
     "subtasks": Subtasks,
     "direct": direct,
 }
@@ -195,6 +201,10 @@ def make_strategy(config: Config) -> Strategy:
         ConfigError: the name is not known, what an entry point names cannot be used, or the strategy cannot
             do what is configured.
     """
+    name = config.practice.strategy
+    if config.practice.is_fastest and name in OURS and name != "adaptive_extension":
+        expected = "adaptive_extension, because goal is 'fastest'"
+        raise ConfigError("practice.strategy", name, expected)
     methods = ("preview", "next", "movements_to_cover", "fastest_movements")
     return plugin(
         "practice.strategy", config.practice.strategy, GROUP, OURS, methods, lambda make: make(config)

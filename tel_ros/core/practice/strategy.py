@@ -16,12 +16,15 @@ class Movement:
     """One desired movement: everything that a practice parameter can vary ([Practice] A5).
 
     Args:
-        duration_s: of the whole path, from rest to rest; a part of it takes its share.
+        duration_s: of the whole path, from rest to rest; a part of it takes its share. An estimate where an
+            effort share is given.
         amplitude: of the path about its first posture; 1: as configured.
         shape: 0: the known path, 1: the configured one, between them a blend.
         stiffness: factor on K. B goes with its square root, which keeps the damping ratio.
         start: where on the path the movement begins, 0 to 1.
         end: where it ends; above ``start``.
+        effort_share: how much of the effort limits the movement may use, and then it is as fast as what has
+            been learned allows (``practice.timing``). None: minimum jerk in the duration.
     """
 
     duration_s: float
@@ -30,6 +33,7 @@ class Movement:
     stiffness: float = 1.0
     start: float = 0.0
     end: float = 1.0
+    effort_share: float | None = None
 
     @property
     def own_duration_s(self) -> float:
@@ -56,6 +60,10 @@ class Forecast:
     where nothing is known. Shape (n, n_joints)."""
     effort_nm: FloatArray
     """What the movement needs, as far as the learner knows. Shape (n, n_joints)."""
+    velocity_rad_s: FloatArray
+    """Shape (n, n_joints)."""
+    duration_s: float
+    """How long it takes."""
 
 
 Forecaster = Callable[[Movement], Forecast]
@@ -74,6 +82,8 @@ class PlannedTrial:
     """For people."""
     expected_rms_rad: float = math.nan
     """Tracking error; NaN: no expectation."""
+    possible_s: float = math.nan
+    """Duration that is believed possible with ``practice.effort_share``; NaN: not asked for, or not known."""
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,7 @@ class BrakingDistance(SafetyRule):
         position_rad = self.limits.seen(state)
         upward = velocity_rad_s > 0.0
         room = np.where(upward, self.limits.high_rad - position_rad, position_rad - self.limits.low_rad)
-        fastest = self._fastest(np.minimum(np.maximum(room, 0.0), _FAR_RAD))
+        fastest = self.fastest(np.minimum(np.maximum(room, 0.0), _FAR_RAD))
         too_fast = speed > fastest
         if not too_fast.any():
             return ANY_EFFORT
@@ -193,9 +193,10 @@ class BrakingDistance(SafetyRule):
     def quiet(self) -> QuietBounds:
         """Return the speed that can be braked from where the walls begin to act."""
         low, high, room = self.limits.low_rad, self.limits.high_rad, self.limits.reach_rad
-        return QuietBounds(low_rad=low + room, high_rad=high - room, speed_rad_s=self._fastest(room))
+        return QuietBounds(low_rad=low + room, high_rad=high - room, speed_rad_s=self.fastest(room))
 
-    def _fastest(self, room_rad: FloatArray) -> FloatArray:
+    def fastest(self, room_rad: FloatArray) -> FloatArray:
+        """Return how fast a joint may be so far from a soft limit. Shapes (…, n_joints)."""
         fastest: FloatArray = np.sqrt(2.0 * self.deceleration_rad_s2 * room_rad) + self.creep_rad_s
         return fastest
 
@@ -233,8 +234,8 @@ class MotionLimits(SafetyRule):
     def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
         """Return the efforts that a measured state permits; not bounded by what the motors can do."""
         position_rad = self.limits.seen(state)
-        up = self._fastest_outward(self.limits.high_rad - position_rad)
-        down = self._fastest_outward(position_rad - self.limits.low_rad)
+        up = self.fastest_outward(self.limits.high_rad - position_rad)
+        down = self.fastest_outward(position_rad - self.limits.low_rad)
         k = self.gains.k_velocity_nms_per_rad
         return EffortRange(k * (-down - state.velocity_rad_s), k * (up - state.velocity_rad_s))
 
@@ -248,6 +249,7 @@ class MotionLimits(SafetyRule):
             damped_nm=k * self.velocity_rad_s,
         )
 
-    def _fastest_outward(self, room_rad: FloatArray) -> FloatArray:
+    def fastest_outward(self, room_rad: FloatArray) -> FloatArray:
+        """Return v_max so far from a soft limit. Shapes (…, n_joints)."""
         speed = self.gains.k_position_per_s * np.minimum(room_rad, BEYOND_FACTOR * room_rad)
         return np.minimum(np.maximum(speed, -self.velocity_rad_s), self.velocity_rad_s)

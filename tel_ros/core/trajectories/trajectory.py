@@ -9,10 +9,8 @@ import numpy as np
 
 from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.paths import Path
+from tel_ros.core.trajectories.timing import MinimumJerk, Timing
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
-
-MINIMUM_JERK_PEAK_SPEED = 1.875
-"""Peak of ds/dp of the minimum-jerk time scaling, at p = 1/2."""
 
 
 @dataclass(frozen=True)
@@ -71,31 +69,18 @@ def check_points(name: str, values: FloatArray, shape: tuple[int, int]) -> None:
         )
 
 
-def minimum_jerk(phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the minimum-jerk time scaling s and its first two derivatives.
+def sample(path: Path, timing: Timing | float, rate_hz: float) -> DesiredTrajectory:
+    """Run along a path from rest to rest with a timing, with ``rate_hz`` points a second.
 
-    s = 10 p³ - 15 p⁴ + 6 p⁵ goes from rest at 0 to rest at 1 (Flash and Hogan 1985; the paper does not
-    say which scaling it used, this one is our choice). ``phase`` is the elapsed share p of the duration;
-    outside 0 … 1 it is held at the ends. Shapes (n,).
+    A number is the duration in s of a minimum-jerk timing. The last point is at the first tick that is not
+    earlier than the end. Derivatives are exact.
     """
-    p = np.clip(phase, 0.0, 1.0)
-    # Products, since NumPy's powers differ in the last bit from one processor to another.
-    s = p * p * p * (10.0 + p * (-15.0 + 6.0 * p))
-    ds = 30.0 * p**2 * (1.0 - p) ** 2
-    dds = 60.0 * p * (1.0 - p) * (1.0 - 2.0 * p)
-    return s, ds, dds
-
-
-def sample(path: Path, duration_s: float, rate_hz: float) -> DesiredTrajectory:
-    """Run along a path from rest to rest in the given time, with ``rate_hz`` points a second.
-
-    The last point is at the first tick that is not earlier. Derivatives are exact.
-    """
-    n_steps = max(1, math.ceil(duration_s * rate_hz - 1e-9))
+    timing = MinimumJerk(timing) if isinstance(timing, int | float) else timing
+    n_steps = max(1, math.ceil(timing.duration_s * rate_hz - 1e-9))
     time_ns = np.round(np.arange(n_steps + 1) * (NS_PER_S / rate_hz)).astype(np.int64)
-    s, ds, dds = minimum_jerk(time_ns / (NS_PER_S * duration_s))
+    s, ds, dds = timing.at(time_ns)
     q, dq, ddq = path.evaluate(s)
-    rate, rate_of_rate = (ds / duration_s)[:, None], (dds / duration_s**2)[:, None]
+    rate, rate_of_rate = ds[:, None], dds[:, None]
     return DesiredTrajectory(
         time_ns=time_ns,
         position_rad=q,

@@ -89,7 +89,7 @@ class MadeUpArm:
         std = self.frankness * self.error_rad(duration_s) if self._known_s else math.inf
         effort: FloatArray = np.zeros((50, 2))
         effort[:, 0] = self.static_nm + np.sin(np.linspace(0.0, 6.28, 50)) * self.peak_nms2 / duration_s**2
-        return Forecast(np.full((50, 2), std), effort)
+        return Forecast(np.full((50, 2), std), effort, np.zeros((50, 2)), duration_s)
 
     def execute(self, plan: PlannedTrial) -> TrialReport:
         """Return how a trial goes, and learn from it."""

@@ -117,7 +117,7 @@ def test_the_movements_of_the_speed_leg_have_what_went_before_and_not_what_comes
 def forecast_of_a_good_learner(movement: Movement) -> Forecast:
     """Expect small errors of everything, and an effort of 100 N·m·s² / T² at the full amplitude."""
     effort = np.full((10, 2), 100.0 * movement.amplitude / movement.duration_s**2)
-    return Forecast(np.full((10, 2), 1e-3), effort)
+    return Forecast(np.full((10, 2), 1e-3), effort, np.zeros((10, 2)), movement.duration_s)
 
 
 def run(vary: tuple[str, ...], **practice: Any) -> tuple[list[PlannedTrial], Ending]:

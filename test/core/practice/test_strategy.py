@@ -109,7 +109,8 @@ def test_an_aborted_trial_does_not_end_a_run_that_is_to_go_on_before_its_last_on
 @pytest.mark.parametrize("on_abort", ["stop", "continue"])
 def test_a_cancelled_trial_ends_the_run(strategy: str, on_abort: str) -> None:
     made = make_strategy(config_of(strategy=strategy, on_abort=on_abort))
-    first = made.next(None, lambda movement: Forecast(np.full((2, 2), np.inf), np.zeros((2, 2))))
+    nothing, unknown = np.zeros((2, 2)), np.full((2, 2), np.inf)
+    first = made.next(None, lambda movement: Forecast(unknown, nothing, nothing, movement.duration_s))
     assert isinstance(first, PlannedTrial)
     assert made.next(report_of(first, Outcome.CANCELLED), no_forecast) == Ending(
         "cancelled", "the run was cancelled"

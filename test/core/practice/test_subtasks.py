@@ -137,7 +137,7 @@ def test_cancelling_ends_practice() -> None:
     strategy = subtasks()
 
     def forecast(movement: Movement) -> Forecast:
-        return Forecast(np.full((5, 2), math.inf), np.zeros((5, 2)))
+        return Forecast(np.full((5, 2), math.inf), np.zeros((5, 2)), np.zeros((5, 2)), movement.duration_s)
 
     plan = strategy.next(None, forecast)
     assert isinstance(plan, PlannedTrial)
