@@ -41,7 +41,9 @@ def _import_option(name: str, about: str, **settings: Any) -> Callable[[F], F]:
 )
 @click.option("--import", "imports", is_flag=True, help="BAGs are recordings that other programs made.")
 @_import_option(
-    "--learner", "rigid_body, lms_tree, rigid_body+lms_tree, or an installed one.", default="rigid_body"
+    "--learner",
+    "rigid_body, polynomial, lms_tree, rigid_body+lms_tree, or an installed one.",
+    default="rigid_body",
 )
 @_import_option("--urdf", "URDF of the arm (or package://…); for rigid_body.", default="")
 @_import_option("--topic", "topic of the bags. Default: the one with most of the joints.", default="")

@@ -140,7 +140,7 @@ class LearningConfig(Checked):
     """The network and how it learns ([Practice] Sec. 2.1 and 3)."""
 
     name: str = "lms_tree"
-    """``lms_tree``, ``rigid_body``, ``rigid_body+lms_tree``, or a learner of another package."""
+    """``lms_tree``, ``polynomial``, ``rigid_body``, ``rigid_body+lms_tree``, or one of another package."""
     weights: Literal["lms", "least_squares"] = "lms"
     """How a tree finds its weights: sample by sample (the paper), or solved for all trials at once."""
     start_from: BinaryFile = ""

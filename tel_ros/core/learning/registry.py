@@ -13,6 +13,7 @@ from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.learner import Learner, LearnerContext, LearnerKind, StoredLearner
 from tel_ros.core.learning.least_squares_learner import BASE, LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
+from tel_ros.core.learning.polynomial import PolynomialLearner
 from tel_ros.core.learning.rigid_body import RigidBodyLearner
 from tel_ros.core.plugins import plugin
 
@@ -53,6 +54,10 @@ def _rigid_body(context: LearnerContext, stored: StoredLearner | None) -> RigidB
     return RigidBodyLearner.restored(context, stored) if stored else RigidBodyLearner(context)
 
 
+def _polynomial(context: LearnerContext, stored: StoredLearner | None) -> PolynomialLearner:
+    return PolynomialLearner.restored(context, stored) if stored else PolynomialLearner(context)
+
+
 def _rigid_body_and_tree(context: LearnerContext, stored: StoredLearner | None) -> Learner:
     # Sample by sample is too slow for a rest.
     context = replace(context, learning=replace(context.learning, weights="least_squares"))
@@ -66,6 +71,8 @@ def _rigid_body_and_tree(context: LearnerContext, stored: StoredLearner | None) 
 OURS: dict[str, LearnerKind] = {
     # Trees alone. ``learning.weights`` says how they learn.
     "lms_tree": OurKind(_trees),
+    # Polynomials for the energies of rigid links, with friction; no kinematics.
+    "polynomial": OurKind(_polynomial),
     # The parameters of rigid links with friction; kinematics from the URDF.
     "rigid_body": OurKind(_rigid_body, extrapolates=True),
     # Trees, solved by least squares, learn what rigid links leave over.

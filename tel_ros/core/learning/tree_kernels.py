@@ -18,7 +18,7 @@ from tel_ros.core.types import FloatArray, IntArray
 _TINY = 1e-9
 
 
-def _compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Compile a function; keep the code unless the installation and the home folder are both read-only."""
 
     def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -30,7 +30,7 @@ def _compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., An
     return compiled
 
 
-@_compiled("f8[:, ::1](f8[:, :], f8[:], f8[:])")
+@compiled("f8[:, ::1](f8[:, :], f8[:], f8[:])")
 def scale(inputs: FloatArray, low: FloatArray, width: FloatArray) -> FloatArray:
     """Return inputs with ``low`` … ``low + width`` mapped to 0 … 1, clipped beyond. Shape (n, D)."""
     n, n_inputs = inputs.shape
@@ -42,7 +42,7 @@ def scale(inputs: FloatArray, low: FloatArray, width: FloatArray) -> FloatArray:
     return result
 
 
-@_compiled("void(f8[::1], f8, b1, f8[:, ::1])")
+@compiled("void(f8[::1], f8, b1, f8[:, ::1])")
 def _activate(x: FloatArray, sigma: float, normalised: bool, phi: FloatArray) -> None:
     """Fill ``phi`` (D, G) with the Gaussians of one input vector."""
     n_inputs, n_gaussians = phi.shape
@@ -58,7 +58,7 @@ def _activate(x: FloatArray, sigma: float, normalised: bool, phi: FloatArray) ->
                 phi[d, i] /= total
 
 
-@_compiled("void(f8[:, ::1], i8[:, ::1], f8[::1])")
+@compiled("void(f8[:, ::1], i8[:, ::1], f8[::1])")
 def _open_gates(phi: FloatArray, parents: IntArray, gates: FloatArray) -> None:
     """Fill ``gates`` (K,): how far each subtree is switched on."""
     gates[0] = 1.0
@@ -66,7 +66,7 @@ def _open_gates(phi: FloatArray, parents: IntArray, gates: FloatArray) -> None:
         gates[k + 1] = gates[parents[k, 0]] * phi[parents[k, 1], parents[k, 2]]
 
 
-@_compiled("f8[:, ::1](f8[:, ::1], i8[:, ::1], i8, f8, b1)")
+@compiled("f8[:, ::1](f8[:, ::1], i8[:, ::1], i8, f8, b1)")
 def features(
     inputs: FloatArray, parents: IntArray, n_gaussians: int, sigma: float, normalised: bool
 ) -> FloatArray:
@@ -87,7 +87,7 @@ def features(
     return psi
 
 
-@_compiled("f8(f8[:, :, ::1], f8[:, ::1], f8[::1])")
+@compiled("f8(f8[:, :, ::1], f8[:, ::1], f8[::1])")
 def _output(weights: FloatArray, phi: FloatArray, gates: FloatArray) -> float:
     """Return N(x) = Σ_k g_k Σ_d,i w_k,d,i φ_d,i."""
     n_subtrees, n_inputs, n_gaussians = weights.shape
@@ -101,7 +101,7 @@ def _output(weights: FloatArray, phi: FloatArray, gates: FloatArray) -> float:
     return output
 
 
-@_compiled("f8[::1](f8[:, ::1], i8[:, ::1], f8[:, :, ::1], f8, b1)")
+@compiled("f8[::1](f8[:, ::1], i8[:, ::1], f8[:, :, ::1], f8, b1)")
 def predict(
     inputs: FloatArray, parents: IntArray, weights: FloatArray, sigma: float, normalised: bool
 ) -> FloatArray:
@@ -117,7 +117,7 @@ def predict(
     return result
 
 
-@_compiled("f8[:, :, ::1](f8[:, ::1], f8[::1], i8[::1], i8[:, ::1], f8[:, :, ::1], f8, b1, f8)")
+@compiled("f8[:, :, ::1](f8[:, ::1], f8[::1], i8[::1], i8[:, ::1], f8[:, :, ::1], f8, b1, f8)")
 def lms_pass(
     inputs: FloatArray,
     target: FloatArray,

@@ -23,6 +23,7 @@ from tel_ros.core.learning.signals import TrainingSamples  # noqa: E402
 LEARNERS = {
     "lms_tree, lms": {"name": "lms_tree", "weights": "lms"},
     "lms_tree, least_squares": {"name": "lms_tree", "weights": "least_squares"},
+    "polynomial": {"name": "polynomial"},
     "rigid_body": {"name": "rigid_body"},
     "rigid_body+lms_tree": {"name": "rigid_body+lms_tree"},
 }

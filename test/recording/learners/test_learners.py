@@ -18,11 +18,12 @@ from tel_ros.core.errors import ConfigError, NetworkFileError
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.least_squares_learner import LeastSquaresLearner
 from tel_ros.core.learning.lms_learner import LmsLearner
+from tel_ros.core.learning.polynomial import PolynomialLearner
 from tel_ros.core.learning.registry import GROUP, learner_kind
 from tel_ros.core.learning.rigid_body import RigidBodyLearner
 from tel_ros.recording.network_file import learner_context, load_network, new_network, save_network
 
-OURS = ("lms_tree", "rigid_body", "rigid_body+lms_tree")
+OURS = ("lms_tree", "polynomial", "rigid_body", "rigid_body+lms_tree")
 
 
 class TheirLearner(LmsLearner):
@@ -126,7 +127,7 @@ def test_a_learner_of_another_package_runs_and_comes_back_from_its_file(
 def test_an_unknown_name_is_refused_with_those_that_there_are(installed: Callable[..., None]) -> None:
     installed(theirs="their_package:Kind")
     expected = refusal("lms_trees").expected
-    assert "lms_tree, rigid_body, rigid_body+lms_tree, theirs" in expected
+    assert "lms_tree, polynomial, rigid_body, rigid_body+lms_tree, theirs" in expected
     assert "entry point of the group tel_ros.learners" in expected
 
 
@@ -187,6 +188,7 @@ def with_learning(config: Config, **values: object) -> Config:
     [
         ({}, LmsLearner),
         ({"weights": "least_squares"}, LeastSquaresLearner),
+        ({"name": "polynomial"}, PolynomialLearner),
         ({"name": "rigid_body"}, RigidBodyLearner),
         ({"name": "rigid_body+lms_tree"}, LeastSquaresLearner),
     ],
