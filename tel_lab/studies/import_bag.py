@@ -32,7 +32,7 @@ from tel_lab.inverse_dynamics.recorded_arm import (
 )
 from tel_lab.study import StudyOptions, study
 from tel_lab.tables import Column, Table
-from tel_ros.app.torque_import import ImportRequest, extrapolation_warning, import_and_train
+from tel_ros.app.torque_import import extrapolation_warning, import_and_train
 from tel_ros.core.learning.noise import low_pass
 from tel_ros.core.learning.torque_fit import HeldOutError, held_out_error, predict_torque
 from tel_ros.core.learning.torque_samples import chosen_cutoff_hz, motion, torque_samples
@@ -77,14 +77,14 @@ def imported(slow: Motion, fast: Motion, rate_hz: float, label: str) -> Imported
         write_bag(recorded(fast, rate_hz, seed=2), bags[1], StoragePlugin.SQLITE3)
         out, settings = folder / "network.npz", LEARNERS[label]
         start = time.process_time()
-        done = import_and_train(ImportRequest(sources=bags[:1], out=out, urdf=str(urdf), **settings))
+        fit, _ = import_and_train(bags[:1], out, urdf=str(urdf), **settings)
         cpu_s = time.process_time() - start
         learner = load_network(out)
         recordings, _, _ = read_sources(bags[1:])
         parts = [part for recording in recordings for part in torque_samples(recording)]
         asked = [(part.torque_nm, predict_torque(learner, part.inputs)) for part in parts]
         warning = extrapolation_warning(learner, asked[0][1])
-        return Imported(f"{rate_hz:g} Hz", label, done.fit.held_out, held_out_error(asked), cpu_s, warning)
+        return Imported(f"{rate_hz:g} Hz", label, fit.held_out, held_out_error(asked), cpu_s, warning)
 
 
 COLUMNS: tuple[Column[Imported], ...] = (

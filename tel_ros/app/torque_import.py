@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,92 +29,74 @@ from tel_ros.recording.urdf import arm_description, read_urdf
 POOR_NMSE = 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportRequest:
-    """What to learn from, and how.
+def import_and_train(
+    sources: Sequence[Path],
+    out: Path,
+    *,
+    learner: str = "rigid_body",
+    urdf: str = "",
+    topic: str = "",
+    joints: tuple[str, ...] = (),
+    rename: Sequence[str] = (),
+    rate_hz: float = 200.0,
+    cutoff_hz: float | None = None,
+    weights: Literal["lms", "least_squares"] = "least_squares",
+    max_subtrees: int = 2,
+) -> tuple[Fit, dict[str, Any]]:
+    """Learn torque from recordings, save the network and report what it is worth.
 
     Args:
         sources: bags of ROS 1 or ROS 2, their data files, or CSVs.
         out: file of the network; must not exist.
+        learner: name of a learner of torque.
         urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
         topic: of bags; empty: the one that tells most of the joints.
         joints: to learn; empty: all with efforts, of those that the URDF has.
         rename: ``FROM=TO`` for joints that the sources name otherwise.
         rate_hz: of the samples that are learned from, at most; after a filter at 15 Hz, more add nothing.
         cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
+        weights: how trees find them.
         max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
-    """
 
-    sources: tuple[Path, ...]
-    out: Path
-    learner: str = "rigid_body"
-    urdf: str = ""
-    topic: str = ""
-    joints: tuple[str, ...] = ()
-    rename: tuple[str, ...] = ()
-    rate_hz: float = 200.0
-    cutoff_hz: float | None = None
-    weights: Literal["lms", "least_squares"] = "least_squares"
-    max_subtrees: int = 2
-
-    def __post_init__(self) -> None:
-        if not self.sources:
-            raise ConfigError("SOURCE", "", "at least one bag or CSV")
-        if not 0.0 < self.rate_hz < np.inf:
-            raise ConfigError("--rate-hz", self.rate_hz, "a finite number above 0")
-        if self.cutoff_hz is not None and not 0.0 <= self.cutoff_hz < np.inf:
-            raise ConfigError("--cutoff-hz", self.cutoff_hz, "0 for no filter, or a finite number above 0")
-        if len(set(self.joints)) < len(self.joints):
-            raise ConfigError("--joints", ",".join(self.joints), "each joint once")
-        if self.learner.startswith("rigid_body") and not self.urdf:
-            raise ConfigError(
-                "--urdf", self.urdf, f"the URDF of the arm, whose kinematics the learner {self.learner} needs"
-            )
-        if self.out.exists():
-            raise InputFileError(self.out, "exists already", "a name that is free")
-
-
-@dataclass(frozen=True)
-class Imported:
-    """What was learned, and how good it is, as values that JSON holds: null for what is not finite.
-
-    In the report ``learned_s`` is without the ends of the parts, ``cutoff_hz`` lowest and highest of the
-    filters (half of the rate where none was needed), ``torque_std_nm`` the spread of the recorded torques,
-    ``jitter_s`` the standard deviation of a recording's period.
-    """
-
-    fit: Fit
-    report: dict[str, Any]
-
-
-def import_and_train(request: ImportRequest) -> Imported:
-    """Learn torque from recordings, save the network and report what it is worth.
+    Returns:
+        What was learned, and how good it is, as values that JSON holds: null for what is not finite.
+        ``learned_s`` is without the ends of the parts, ``cutoff_hz`` lowest and highest of the filters (half
+        of the rate where none was needed), ``torque_std_nm`` the spread of the recorded torques, ``jitter_s``
+        the standard deviation of a recording's period.
 
     Raises:
         InputFileError: a source cannot be read or learned from, or the network cannot be written.
-        ConfigError: there is no such learner, it cannot use the URDF, or the URDF lacks a joint.
+        ConfigError: there is no such learner, it cannot use the URDF, the URDF lacks a joint, or a setting
+            is none.
         TrainingError: too little was recorded, or what was learned is not finite.
     """
-    kind = learner_kind(request.learner)
-    file = named_file(request.urdf, Path.cwd()) if request.urdf else None
-    wanted = Wanted(
-        topic=request.topic,
-        joints=request.joints,
-        urdf=joint_ranges(read_urdf(file)) if file else {},
-        renaming=Renaming.parsed(request.rename),
-    )
-    recordings, others, doubts = read_sources(request.sources, wanted)
+    if not 0.0 < rate_hz < np.inf:
+        raise ConfigError("--rate-hz", rate_hz, "a finite number above 0")
+    if cutoff_hz is not None and not 0.0 <= cutoff_hz < np.inf:
+        raise ConfigError("--cutoff-hz", cutoff_hz, "0 for no filter, or a finite number above 0")
+    if len(set(joints)) < len(joints):
+        raise ConfigError("--joints", ",".join(joints), "each joint once")
+    if learner.startswith("rigid_body") and not urdf:
+        needed = f"the URDF of the arm, whose kinematics the learner {learner} needs"
+        raise ConfigError("--urdf", urdf, needed)
+    if out.exists():
+        raise InputFileError(out, "exists already", "a name that is free")
+    kind = learner_kind(learner)
+    file = named_file(urdf, Path.cwd()) if urdf else None
+    ranges = joint_ranges(read_urdf(file)) if file else {}
+    wanted = Wanted(topic=topic, joints=joints, urdf=ranges, renaming=Renaming.parsed(rename))
+    recordings, others, doubts = read_sources(sources, wanted)
     joints = recordings[0].joints
-    urdf, assumed = arm_description(file, joints, others) if file else ("", [])
+    urdf_text, assumed = arm_description(file, joints, others) if file else ("", [])
     parts = [
         part
         for recording in recordings
-        for part in torque_samples(recording, cutoff_hz=request.cutoff_hz, most_hz=request.rate_hz)
+        for part in torque_samples(recording, cutoff_hz=cutoff_hz, most_hz=rate_hz)
     ]
     learning = LearningConfig(
-        name=request.learner,
-        weights=request.weights,
-        max_subtrees=request.max_subtrees,
+        name=learner,
+        weights=weights,
+        max_subtrees=max_subtrees,
         # All blocks are of the same arm.
         detect_change=False,
         # What lies outside the recorded range is reported as extrapolated.
@@ -130,7 +112,7 @@ def import_and_train(request: ImportRequest) -> Imported:
                 input_range=input_range,
                 learning=learning,
                 seed=1,
-                urdf=urdf,
+                urdf=urdf_text,
                 predicts="torque",
                 std_factor=tuple(std_factor.tolist()),
             )
@@ -138,12 +120,12 @@ def import_and_train(request: ImportRequest) -> Imported:
 
     fit = fit_torque(parts, new_learner)
     excited, held_out = excitation(joints, parts), fit.held_out
-    save_network(fit.learner, request.out)
+    save_network(fit.learner, out)
     report = {
-        "network": str(request.out),
+        "network": str(out),
         "revision": revision(fit.learner),
         "predicts": "torque",
-        "learner": request.learner,
+        "learner": learner,
         "recordings": [
             {
                 "source": recording.source,
@@ -178,7 +160,7 @@ def import_and_train(request: ImportRequest) -> Imported:
         ],
         "warnings": [*doubts, *_fit_warnings(joints, fit, recordings, parts), *excited.warnings(), *assumed],
     }
-    return Imported(fit, json_ready(report))
+    return fit, json_ready(report)
 
 
 def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str:

@@ -143,10 +143,10 @@ def _comparison(retraining: Retraining) -> str:
 def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str, **settings: Any) -> None:
     """Learn torque from recordings, and print how good it is."""
     # Imported late: it takes half a second.
-    from tel_ros.app.torque_import import ImportRequest, import_and_train
+    from tel_ros.app.torque_import import import_and_train
 
     names = tuple(name.strip() for name in joints.split(",") if name.strip())
-    report = import_and_train(ImportRequest(sources=bags, out=out, joints=names, **settings)).report
+    _, report = import_and_train(bags, out, joints=names, **settings)
     for warning in report["warnings"]:
         click.echo(f"tel: warning: {warning}", err=True)
     if as_json:

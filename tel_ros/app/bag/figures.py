@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -16,33 +14,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from tel_ros.app import plotting as plot
 from tel_ros.app.bag.text import trial_text
-from tel_ros.app.plotting import (
-    BLUE,
-    CLIPPED,
-    DOTS,
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    LIMIT,
-    ORANGE,
-    PALETTE,
-    PURPLE,
-    draw_limit,
-    figure_style,
-    inline_svg,
-    key,
-    legend_below,
-    mark_saturated,
-    save_figure,
-    stretches,
-)
 from tel_ros.app.report.text import seconds
 from tel_ros.app.templates import template
 from tel_ros.core.errors import BagError, InputFileError, TelError, counted
 from tel_ros.core.trial import Phase
-from tel_ros.core.types import BoolArray, FloatArray
 from tel_ros.recording.bag_inspection import inspect_bag
 from tel_ros.recording.config_file import config_from
 from tel_ros.recording.joint_states import RecordedStates, read_joint_states
@@ -50,9 +27,6 @@ from tel_ros.recording.run_folder import write_atomically
 from tel_ros.recording.trial_bag import RecordedTrial, read_trial
 
 FORMATS = (".png", ".svg", ".pdf", ".html")
-WIDTH_IN = 10.5
-"""For a screen, not for a column of a paper."""
-_AROUND_ALPHA = 0.45
 
 
 def plot_bag(bag: Path, out: Path, topic: str = "") -> str:
@@ -69,15 +43,15 @@ def plot_bag(bag: Path, out: Path, topic: str = "") -> str:
     """
     if out.suffix not in FORMATS:
         raise InputFileError(out, f"ends in {out.suffix or 'nothing'}", f"an ending {', '.join(FORMATS)}")
-    with figure_style("bag"):
+    with plot.figure_style("bag"):
         figure, note = _figure(bag, topic)
         try:
             if out.suffix == ".html":
-                name, svg = bag.resolve().name, inline_svg(figure, "bag")
-                page = template("bag_plot.html.j2").render(name=name, palette=PALETTE, svg=svg)
+                name, svg = bag.resolve().name, plot.inline_svg(figure, "bag")
+                page = template("bag_plot.html.j2").render(name=name, palette=plot.PALETTE, svg=svg)
                 write_atomically(out, page + "\n")
             else:
-                save_figure(figure, out)
+                plot.save_figure(figure, out)
         except OSError as error:
             raise InputFileError(out, f"cannot be written ({error.strerror})", "room for it") from error
     return note
@@ -119,87 +93,71 @@ def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title:
     # In APPROACH there is no desired position yet.
     on_the_way = (trial.phase == Phase.APPROACH)[:, np.newaxis]
     desired = np.where(on_the_way, np.nan, trial.desired[:, :n])
+    stopped = trial.phase == Phase.STOP, plot.PURPLE, 0.12
+    around = ~trial.run & ~stopped[0], plot.FAINT, 0.45
     clipped = limited = False
     for joint, (position, error, torque) in enumerate(rows):
         for axes in (position, error, torque):
-            _shade(axes, time_s, ~trial.run & (trial.phase != Phase.STOP), FAINT, _AROUND_ALPHA)
-            _shade(axes, time_s, trial.phase == Phase.STOP, PURPLE, 0.12)
+            for where, colour, alpha in (around, stopped):
+                for first, end in plot.stretches(where):
+                    until_s = time_s[min(end, len(time_s) - 1)]
+                    shade = {"color": colour, "alpha": alpha, "linewidth": 0.0, "zorder": 0.1}
+                    axes.axvspan(time_s[first], until_s, **shade)
         desired_rad, actual_rad = desired[:, joint], trial.position_rad[:, joint]
-        _curve(position, time_s, trial.equilibrium_rad[:, joint], color=GREY, linewidth=1.3)
-        _curve(position, time_s, actual_rad, color=BLUE, linewidth=1.2)
-        _curve(position, time_s, desired_rad, color=INK, linestyle=DOTS, linewidth=1.1)
+        position.plot(time_s, trial.equilibrium_rad[:, joint], color=plot.GREY, linewidth=1.3)
+        position.plot(time_s, actual_rad, color=plot.BLUE, linewidth=1.2)
+        position.plot(time_s, desired_rad, color=plot.INK, linestyle=plot.DOTS, linewidth=1.1)
         for axes in (error, torque):
-            axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
-        _curve(error, time_s, actual_rad - desired_rad, color=ORANGE, linewidth=1.0)
+            axes.axhline(0.0, color=plot.FAINT, linewidth=0.7, zorder=0.5)
+        error.plot(time_s, actual_rad - desired_rad, color=plot.ORANGE, linewidth=1.0)
         effort_nm = trial.effort_nm[:, joint]
-        _curve(torque, time_s, effort_nm, color=GREEN, linewidth=0.9)
-        clipped |= mark_saturated(torque, time_s, effort_nm, trial.saturated[:, joint])
+        torque.plot(time_s, effort_nm, color=plot.GREEN, linewidth=0.9)
+        clipped |= plot.mark_saturated(torque, time_s, effort_nm, trial.saturated[:, joint])
         if limits_nm is not None:
-            limited |= draw_limit(torque, limits_nm[joint])
+            limited |= plot.draw_limit(torque, limits_nm[joint])
     for axes in rows[n - 1]:
         axes.set_xlabel("time since the movement began [s]")
     curves = [
-        key("desired", color=INK, linestyle=DOTS, linewidth=1.1),
-        key("actual", color=BLUE),
-        key("equilibrium point (EP)", color=GREY, linewidth=1.3),
-        key("error", color=ORANGE),
-        key("torque", color=GREEN),
+        plot.key("desired", color=plot.INK, linestyle=plot.DOTS, linewidth=1.1),
+        plot.key("actual", color=plot.BLUE),
+        plot.key("equilibrium point (EP)", color=plot.GREY, linewidth=1.3),
+        plot.key("error", color=plot.ORANGE),
+        plot.key("torque", color=plot.GREEN),
     ]
     if limited:
-        curves.append(key("limit", **LIMIT))
+        curves.append(plot.key("limit", **plot.LIMIT))
     marks: list[Line2D | Patch] = []
     if not trial.run.all():
         label = "on the way to the start, or holding the end"
-        marks.append(Patch(facecolor=FAINT, alpha=_AROUND_ALPHA, label=label))
-    if (trial.phase == Phase.STOP).any():
-        marks.append(Patch(facecolor=PURPLE, alpha=0.12, label="stopped"))
+        marks.append(Patch(facecolor=around[1], alpha=around[2], label=label))
+    if stopped[0].any():
+        marks.append(Patch(facecolor=stopped[1], alpha=stopped[2], label="stopped"))
     if clipped:
-        marks.append(key("torque held back", **CLIPPED))
-    legend_below(figure, curves, marks)
+        marks.append(plot.key("torque held back", **plot.CLIPPED))
+    plot.legend_below(figure, curves, marks)
     return figure
 
 
 def states_figure(states: RecordedStates, title: str) -> Figure:
     """Return position, velocity and effort of each joint over time, without those that were not published."""
     kinds = [
-        ("position [rad]", BLUE, states.position_rad),
-        ("velocity [rad/s]", ORANGE, states.velocity_rad_s),
-        ("effort [N·m]", GREEN, states.effort_nm),
+        ("position [rad]", plot.BLUE, states.position_rad),
+        ("velocity [rad/s]", plot.ORANGE, states.velocity_rad_s),
+        ("effort [N·m]", plot.GREEN, states.effort_nm),
     ]
     told = [kind for kind in kinds if np.isfinite(kind[2]).any()] or kinds[:1]
     figure, rows = _grid(states.joints, [label for label, *_ in told], title)
     for joint, row in enumerate(rows):
         for axes, (_, colour, values) in zip(row, told, strict=True):
-            _curve(axes, states.time_s, values[:, joint], color=colour, linewidth=0.9)
+            axes.plot(states.time_s, values[:, joint], color=colour, linewidth=0.9)
     for axes in rows[-1]:
         axes.set_xlabel("time [s]")
     return figure
 
 
-def thinned(time_s: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """Return a curve (NaN for gaps) of about ``most`` points, at least 2: extremes of each stretch stay."""
-    if len(values) <= most:
-        return time_s, values
-    width = math.ceil(len(values) / (most // 2))
-    padding = -len(values) % width
-    stretches = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, width)
-    gaps = np.isnan(stretches)
-    first = width * np.arange(len(stretches))
-    kept = np.concatenate(
-        [
-            [0, len(values) - 1],
-            first + np.where(gaps, np.inf, stretches).argmin(axis=1),
-            first + np.where(gaps, -np.inf, stretches).argmax(axis=1),
-            (first + gaps.argmax(axis=1))[gaps.any(axis=1)],
-        ]
-    )
-    places = np.unique(kept[kept < len(values)])
-    return time_s[places], values[places]
-
-
 def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Figure, list[list[Axes]]]:
     """Return axes with a row for each joint and a column for each label."""
-    figure = Figure(figsize=(WIDTH_IN, 1.6 * len(joints) + 1.1), layout="constrained")
+    figure = Figure(figsize=(10.5, 1.6 * len(joints) + 1.1), layout="constrained")  # for a screen
     lines = [part for line in title.splitlines() for part in textwrap.wrap(line, 125)]
     figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9.5, linespacing=1.5)
     grid = figure.subplots(len(joints), len(labels), sharex=True, squeeze=False)
@@ -210,14 +168,3 @@ def _grid(joints: Sequence[str], labels: Sequence[str], title: str) -> tuple[Fig
             axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
             axes.margins(x=0.01)
     return figure, [list(row) for row in grid]
-
-
-def _curve(axes: Axes, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
-    axes.plot(*thinned(time_s, values, 3000), **style)  # more than a figure has pixels
-
-
-def _shade(axes: Axes, time_s: FloatArray, where: BoolArray, colour: str, alpha: float) -> None:
-    """Shade the times at which something is so."""
-    for first, end in stretches(where):
-        until = time_s[min(end, len(time_s) - 1)]
-        axes.axvspan(time_s[first], until, color=colour, alpha=alpha, linewidth=0.0, zorder=0.1)

@@ -15,29 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
+from tel_ros.app import plotting as plot
 from tel_ros.app.plane import drawing_plane
-from tel_ros.app.plotting import (
-    BLUE,
-    BROKEN_OFF,
-    CLIPPED,
-    DOTS,
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    LIMIT,
-    ORANGE,
-    PAPER,
-    PURPLE,
-    SOFT,
-    WIDTH_IN,
-    broken_off,
-    draw_limit,
-    key,
-    legend_below,
-    mark_saturated,
-    scale_errors,
-)
 from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow
 from tel_ros.app.report.text import enumeration, seconds, significant, trial_label
 from tel_ros.core.kinematics import SerialChain
@@ -46,8 +25,8 @@ from tel_ros.core.types import FloatArray, evenly_spaced
 _START: dict[str, Any] = {
     "marker": "o",
     "markersize": 5.0,
-    "markerfacecolor": PAPER,
-    "markeredgecolor": INK,
+    "markerfacecolor": plot.PAPER,
+    "markeredgecolor": plot.INK,
     "markeredgewidth": 1.0,
     "linestyle": "none",
 }
@@ -94,8 +73,8 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
     columns = min(3, len(panels))
     rows = math.ceil(len(panels) / columns)
     *corners_m, aspect = _frame(panels)
-    panel_in = min((WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
-    figure = Figure(figsize=(WIDTH_IN, rows * (panel_in * aspect + 0.6) + 0.55), layout="compressed")
+    panel_in = min((plot.WIDTH_IN - 0.75) / columns, 4.0 / aspect, 3.6)
+    figure = Figure(figsize=(plot.WIDTH_IN, rows * (panel_in * aspect + 0.6) + 0.55), layout="compressed")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.remove()
@@ -106,17 +85,17 @@ def hand_path_figure(panels: Sequence[PathPanel], labels: Sequence[str]) -> Figu
             axes.tick_params(labelbottom=True)
         if place % columns == 0:
             axes.set_ylabel(labels[1])
-    legend_below(figure, _path_handles(panels))
+    plot.legend_below(figure, _path_handles(panels))
     return figure
 
 
 def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterator[Figure]:
     """Yield the path of the hand in each trial, all in one frame; it is one figure that is drawn anew."""
     *corners_m, aspect = _frame(panels)
-    size_in = min(WIDTH_IN - 0.75, 4.0 / aspect)
-    figure = Figure(figsize=(WIDTH_IN, size_in * aspect + 1.15), layout="compressed")
+    size_in = min(plot.WIDTH_IN - 0.75, 4.0 / aspect)
+    figure = Figure(figsize=(plot.WIDTH_IN, size_in * aspect + 1.15), layout="compressed")
     axes = figure.subplots()
-    legend_below(figure, _path_handles(panels))
+    plot.legend_below(figure, _path_handles(panels))
     for place, panel in enumerate(panels):
         axes.clear()
         _draw_path(axes, panel, *corners_m)
@@ -129,11 +108,11 @@ def path_pictures(panels: Sequence[PathPanel], labels: Sequence[str]) -> Iterato
 
 def _path_handles(panels: Sequence[PathPanel]) -> list[Line2D]:
     return [
-        key("desired", color=INK, linestyle=DOTS, linewidth=1.0),
-        key("actual", color=BLUE, linewidth=1.0),
-        key("equilibrium point (EP)", color=GREY, linewidth=1.4),
-        key("start", **_START),
-        *broken_off(panel.trial for panel in panels),
+        plot.key("desired", color=plot.INK, linestyle=plot.DOTS, linewidth=1.0),
+        plot.key("actual", color=plot.BLUE, linewidth=1.0),
+        plot.key("equilibrium point (EP)", color=plot.GREY, linewidth=1.4),
+        plot.key("start", **_START),
+        *plot.broken_off(panel.trial for panel in panels),
     ]
 
 
@@ -155,12 +134,12 @@ def _tick_distance(extent_m: FloatArray) -> float:
 
 
 def _draw_path(axes: Axes, panel: PathPanel, low: FloatArray, high: FloatArray) -> None:
-    axes.plot(*panel.equilibrium_m.T, color=GREY, linewidth=1.4)
-    axes.plot(*panel.actual_m.T, color=BLUE, linewidth=1.0)
-    axes.plot(*panel.desired_m.T, color=INK, linestyle=DOTS, linewidth=1.0, dash_capstyle="butt")
+    axes.plot(*panel.equilibrium_m.T, color=plot.GREY, linewidth=1.4)
+    axes.plot(*panel.actual_m.T, color=plot.BLUE, linewidth=1.0)
+    axes.plot(*panel.desired_m.T, color=plot.INK, linestyle=plot.DOTS, linewidth=1.0, dash_capstyle="butt")
     axes.plot(*panel.actual_m[0], **_START)
     if not panel.trial.completed:
-        axes.plot(*panel.actual_m[-1], **BROKEN_OFF)
+        axes.plot(*panel.actual_m[-1], **plot.BROKEN_OFF)
     axes.set_title(panel.title, linespacing=1.4)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     tick_m = _tick_distance(high - low)
@@ -177,13 +156,13 @@ def effort_figure(run: RunData) -> Figure:
             recorded, time = trial.recorded, movement_time(trial)
             effort_nm = recorded.effort_nm[recorded.run, joint]
             axes.plot(time, effort_nm, color=colour, linewidth=0.9)
-            clipped |= mark_saturated(axes, time, effort_nm, recorded.saturated[recorded.run, joint])
-        limited |= draw_limit(axes, run.config.arm.effort_limit_nm[joint])
+            clipped |= plot.mark_saturated(axes, time, effort_nm, recorded.saturated[recorded.run, joint])
+        limited |= plot.draw_limit(axes, run.config.arm.effort_limit_nm[joint])
         axes.set_ylabel("torque [N·m]")
     handles = _trial_handles(run.drawn)
-    handles += [key("limit", **LIMIT)] if limited else []
-    handles += [key("clipped at the limit", **CLIPPED)] if clipped else []
-    legend_below(figure, handles)
+    handles += [plot.key("limit", **plot.LIMIT)] if limited else []
+    handles += [plot.key("clipped at the limit", **plot.CLIPPED)] if clipped else []
+    plot.legend_below(figure, handles)
     return figure
 
 
@@ -209,10 +188,10 @@ def tracking_figure(drawn: Sequence[DrawnTrial], joints: Sequence[str]) -> Figur
             draw_error(axes, trial, joint, {}, color=colour, linewidth=1.1)
         if column == 0:
             axes.set_ylabel("actual − desired [rad]")
-    handles = [*_trial_handles(drawn), *broken_off(trial.summary for trial in drawn)]
+    handles = [*_trial_handles(drawn), *plot.broken_off(trial.summary for trial in drawn)]
     band = "±2 standard deviations that the network expected of its command"
-    bands = [Patch(facecolor=SOFT, alpha=0.3, linewidth=0.0, label=band)] if banded else []
-    legend_below(figure, handles, bands)
+    bands = [Patch(facecolor=plot.SOFT, alpha=0.3, linewidth=0.0, label=band)] if banded else []
+    plot.legend_below(figure, handles, bands)
     return figure
 
 
@@ -221,7 +200,7 @@ def draw_error(axes: Axes, trial: DrawnTrial, joint: int, mark: dict[str, Any], 
     time, error_rad = movement_time(trial), trial.error_rad[:, joint]
     axes.plot(time, error_rad, **style)
     if not trial.summary.completed:
-        axes.plot(time[-1], error_rad[-1], **(BROKEN_OFF | mark))
+        axes.plot(time[-1], error_rad[-1], **(plot.BROKEN_OFF | mark))
 
 
 def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
@@ -240,13 +219,13 @@ def movement_panels(titles: Sequence[str], columns: int = 2) -> tuple[Figure, li
     """Return a figure with one panel a title over the time of the movement, and the panels row by row."""
     columns = min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
-    figure = Figure(figsize=(WIDTH_IN, min(2.2 * rows + 0.5, 9.7)), layout="constrained")
+    figure = Figure(figsize=(plot.WIDTH_IN, min(2.2 * rows + 0.5, 9.7)), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     panels = list(grid.flat)[: len(titles)]
     for axes in grid.flat[len(titles) :]:
         axes.remove()
     for place, (axes, title) in enumerate(zip(panels, titles, strict=True)):
-        axes.axhline(0.0, color=FAINT, linewidth=0.7, zorder=0.5)
+        axes.axhline(0.0, color=plot.FAINT, linewidth=0.7, zorder=0.5)
         axes.set_title(title)
         axes.set_xlim(-0.01, 1.01)
         axes.xaxis.set_major_locator(MultipleLocator(0.2 if columns < 3 else 0.5))
@@ -263,34 +242,38 @@ def movement_time(trial: DrawnTrial) -> FloatArray:
 
 
 def _coloured(drawn: Sequence[DrawnTrial]) -> list[tuple[DrawnTrial, str]]:
-    colours = (ORANGE, BLUE) if len(drawn) == 2 else (ORANGE, GREEN, BLUE)[-len(drawn) :]
+    colours = (
+        (plot.ORANGE, plot.BLUE) if len(drawn) == 2 else (plot.ORANGE, plot.GREEN, plot.BLUE)[-len(drawn) :]
+    )
     return list(zip(drawn, colours, strict=True))
 
 
 def _trial_handles(drawn: Sequence[DrawnTrial]) -> list[Line2D]:
     return [
-        key(f"{trial_label(trial.summary)} ({seconds(trial.summary.duration_s)})", color=colour)
+        plot.key(f"{trial_label(trial.summary)} ({seconds(trial.summary.duration_s)})", color=colour)
         for trial, colour in _coloured(drawn)
     ]
 
 
 def practice_figure(run: RunData) -> Figure:
     """Return tracking error, training error and duration over the trials of a run."""
-    figure, trials = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained"), run.trials
+    figure, trials = Figure(figsize=(plot.WIDTH_IN, 2.75), layout="constrained"), run.trials
     tracking, training, duration = figure.subplots(1, 3)
     rms = [t.rms_error_rad for t in trials]
     peak = [t.max_error_rad if t.reached_run else math.nan for t in trials]
-    over_trials(tracking, trials, [(peak, "largest", ORANGE, "^"), (rms, "RMS", BLUE, "o")], log=True)
+    over_trials(
+        tracking, trials, [(peak, "largest", plot.ORANGE, "^"), (rms, "RMS", plot.BLUE, "o")], log=True
+    )
     tracking.set(title="Tracking error", ylabel="error [rad]")
-    before = [t.training_rms_before_rad for t in trials], "before learning", GREEN, "s"
-    after = [t.training_rms_after_rad for t in trials], "after", INK, "o"
+    before = [t.training_rms_before_rad for t in trials], "before learning", plot.GREEN, "s"
+    after = [t.training_rms_after_rad for t in trials], "after", plot.INK, "o"
     over_trials(training, trials, [before, after], log=True)
     training.set(title="Training error (RMS)", ylabel="error of the command [rad]")
-    over_trials(duration, trials, [([t.duration_s for t in trials], "", INK, "o")], log=False)
+    over_trials(duration, trials, [([t.duration_s for t in trials], "", plot.INK, "o")], log=False)
     duration.set(title="Duration of the movement", ylabel="duration [s]")
     duration.set_ylim(0.0, 1.06 * max(trial.duration_s for trial in trials))
-    mark = Patch(facecolor=PURPLE, alpha=0.22, label="trial that was not completed")
-    legend_below(figure, [] if all(trial.completed for trial in trials) else [mark])
+    mark = Patch(facecolor=plot.PURPLE, alpha=0.22, label="trial that was not completed")
+    plot.legend_below(figure, [] if all(trial.completed for trial in trials) else [mark])
     return figure
 
 
@@ -305,15 +288,15 @@ def over_trials(
     numbers = [trial.index for trial in trials]
     for trial in trials:
         if not trial.completed:
-            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=PURPLE, alpha=0.22, linewidth=0.0)
+            axes.axvspan(trial.index - 0.5, trial.index + 0.5, color=plot.PURPLE, alpha=0.22, linewidth=0.0)
     for values, label, colour, marker in series:
         style: dict[str, Any] = {"color": colour, "marker": marker, "label": label or None}
         axes.plot(numbers, values, markersize=3.6, linewidth=1.0, **style)
     known = [value for values, *_ in series for value in values if math.isfinite(value)]
     if log and any(value > 0.0 for value in known):
-        scale_errors(axes)
+        plot.scale_errors(axes)
     if not known:
-        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=plot.SOFT)
         axes.set_yticks([])
     axes.set_xlim(min(numbers) - 0.7, max(numbers) + 0.7)
     count_trials(axes)

@@ -10,7 +10,7 @@ from made_up_run import JOINTS, LIMIT_NM, MakeRun, Trial
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tel_ros.app.bag.figures import states_figure, thinned, trial_figure
+from tel_ros.app.bag.figures import states_figure, trial_figure
 from tel_ros.app.plotting import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, figure_style
 from tel_ros.core.trial import Outcome, Phase
 from tel_ros.recording.joint_states import RecordedStates
@@ -93,22 +93,3 @@ def test_joint_states_are_drawn_without_the_columns_that_nobody_told() -> None:
     figure = states_figure(RecordedStates("/s", ("a",), time_s, values, nothing, -values), "a title")
     assert [axes.get_ylabel() for axes in figure.axes] == ["position [rad]", "effort [N·m]"]
     np.testing.assert_array_equal(curve(figure.axes[1], GREEN), np.column_stack([time_s, -values]))
-
-
-def test_a_thinned_curve_keeps_its_ends_and_a_spike_of_one_sample() -> None:
-    time_s = np.arange(100_000) / 1000.0
-    values = np.sin(time_s)
-    values[54_321], values[54_322] = 7.0, -7.0
-    fewer_s, fewer = thinned(time_s, values, 1000)
-    assert len(fewer) <= 1002
-    assert (fewer_s[0], fewer_s[-1], fewer.max(), fewer.min()) == (0.0, time_s[-1], 7.0, -7.0)
-    assert (np.diff(fewer_s) > 0.0).all()
-    np.testing.assert_allclose(np.interp(5.0, fewer_s, fewer), np.sin(5.0), atol=0.2)
-
-
-def test_a_thinned_curve_keeps_its_gaps_and_a_short_one_everything() -> None:
-    time_s, values = np.arange(1000.0), np.ones(1000)
-    values[400:600] = np.nan
-    _, fewer = thinned(time_s, values, 100)
-    assert np.isnan(fewer).any()
-    assert thinned(time_s, values, 1000)[1] is values
