@@ -52,17 +52,11 @@ def require_simulator() -> None:
 
 
 class NodeProcesses:
-    """The processes of the graph; use it with ``with``.
+    """The processes of the graph, by names of :data:`MODULES`; use it with ``with``.
 
     They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor. The
-    controller hears of Ctrl-C at once, from a thread that the signal wakes up.
-
-    Args:
-        config_file: that every node reads.
-        names: of the nodes, keys of :data:`MODULES`.
-        log_folder: gets one log a node.
-        resume: whether to go on with the run in whose folder the configuration lies.
-        namespace: of the nodes.
+    controller hears of Ctrl-C at once, from a thread that the signal wakes up. ``resume``: whether to go on
+    with the run in whose folder the configuration lies.
     """
 
     def __init__(
@@ -127,11 +121,7 @@ class NodeProcesses:
                 process.send_signal(number)
 
     def stop(self) -> str:
-        """End all nodes, the controller before the arm so that it can bring a moving arm to rest.
-
-        Returns:
-            What was seen of the arm, and of the nodes.
-        """
+        """End all nodes, the controller before the arm so that it can brake it; return what was seen."""
         Interruption.held = True
         try:
             self.brake()
@@ -196,11 +186,7 @@ def die_with_parent() -> None:
 def end_process(
     process: subprocess.Popen[Any], number: signal.Signals, timeout_s: float = _END_TIMEOUT_S
 ) -> bool:
-    """Send a signal to a process, and kill it with all that it has started unless it ends in time.
-
-    Returns:
-        Whether it has ended in time.
-    """
+    """Send a signal to a process, kill it and its children if it does not end; return whether it did."""
     if process.poll() is not None:
         return True
     process.send_signal(number)

@@ -61,10 +61,7 @@ def load(place: str) -> Any:
 
 
 class LazyGroup(click.Group):
-    """A group that imports a command only when it is asked for.
-
-    ``own`` has the name and the place ("module:attribute") of each command; ``places`` returns more.
-    """
+    """A group that imports a command when it is asked for; ``own`` and ``places`` say where it is."""
 
     def __init__(
         self,

@@ -106,10 +106,9 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def inline_svg(figure: Figure, name: str) -> str:
-    """Return a figure as an ``<svg>`` element to put into a page.
+    """Return a figure as an ``<svg>`` element for a page.
 
-    Colours become variables of the page's style, so that they follow light and dark; identifiers are prefixed
-    with the name, so that they are unique on the page.
+    Colours become variables of the page's style, which follow light and dark; ids get the name in front.
     """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata=_UNDATED["svg"])
@@ -128,8 +127,7 @@ def inline_svg(figure: Figure, name: str) -> str:
 def legend_below(figure: Figure, *rows: Sequence[Artist]) -> None:
     """Put a legend under the axes, row by row.
 
-    The layout leaves room for it by hand: matplotlib places legends outside the axes from 3.7 on only, and
-    ROS 2 Jazzy comes with 3.6.
+    The room is left by hand: matplotlib does it from 3.7 on only, and ROS 2 Jazzy comes with 3.6.
     """
     rows = tuple(row for row in rows if row)
     height = 0.27 / figure.get_figheight()  # 0.27 in

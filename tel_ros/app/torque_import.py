@@ -45,30 +45,15 @@ def import_and_train(
 ) -> tuple[Fit, dict[str, Any]]:
     """Learn torque from recordings, save the network and report what it is worth.
 
-    Args:
-        sources: bags of ROS 1 or ROS 2, their data files, or CSVs.
-        out: file of the network; must not exist.
-        learner: name of a learner of torque.
-        urdf: file, or ``package://…``; its kinematics are used by learners of rigid links. Empty: none.
-        topic: of bags; empty: the one that tells most of the joints.
-        joints: to learn; empty: all with efforts, of those that the URDF has.
-        rename: ``FROM=TO`` for joints that the sources name otherwise.
-        rate_hz: of the samples that are learned from, at most; after a filter at 15 Hz, more add nothing.
-        cutoff_hz: of the low-pass; 0: none; None: chosen from the data.
-        weights: how trees find them.
-        max_subtrees: that grow for each joint; with 21 inputs each of them costs much time.
+    The parameters are the options of ``tel train --import``; with 21 inputs each subtree costs much time, and
+    after a filter at 15 Hz a rate above 200 Hz adds nothing. Errors are about a source, a setting or the
+    network's file, or, as TrainingError, say that too little was recorded or that the result is not finite.
 
     Returns:
         What was learned, and how good it is, as values that JSON holds: null for what is not finite.
         ``learned_s`` is without the ends of the parts, ``cutoff_hz`` lowest and highest of the filters (half
         of the rate where none was needed), ``torque_std_nm`` the spread of the recorded torques, ``jitter_s``
         the standard deviation of a recording's period.
-
-    Raises:
-        InputFileError: a source cannot be read or learned from, or the network cannot be written.
-        ConfigError: there is no such learner, it cannot use the URDF, the URDF lacks a joint, or a setting
-            is none.
-        TrainingError: too little was recorded, or what was learned is not finite.
     """
     if not 0.0 < rate_hz < np.inf:
         raise ConfigError("--rate-hz", rate_hz, "a finite number above 0")

@@ -87,10 +87,7 @@ class AnyBag:
         yield from merge(*map(of, self._storages), key=lambda message: message[1])
 
     def contents(self, connections: Sequence[Connection], *, exactly: bool = False) -> list[tuple[int, Any]]:
-        """Return time [ns] and content of the messages of one topic.
-
-        Raises BagError if not all announced ones come; with ``exactly``, also if more do.
-        """
+        """Return time [ns] and content of a topic's messages; BagError if not all come."""
         found = [
             (time_ns, self.deserialize(raw, c.msgtype)) for c, time_ns, raw in self.messages(connections)
         ]
@@ -140,10 +137,7 @@ def _parsed(kind: str, text: Definition) -> Typestore:
 
 @contextmanager
 def open_any_bag(bag: Path, *, closed: bool = True) -> Iterator[AnyBag]:
-    """Open a bag; BagError if it is not there or cannot be read.
-
-    ``closed``: a folder needs its metadata; without it, the recorder may not have come to its end.
-    """
+    """Open a bag, a ``closed`` one with metadata: without, its recorder may not have come to its end."""
     files = data_files(bag)
     if closed and bag.is_dir() and not (bag / METADATA_FILE).is_file():
         found = f"has no {METADATA_FILE}: it was never closed (`tel bag recover` takes out what can be read)"

@@ -34,10 +34,7 @@ _INFINITE = QosTime(9223372036, 854775807)
 
 @cache
 def typestore() -> Typestore:
-    """Return the types of ROS 2 Jazzy together with those of ``tel_interfaces``, as installed.
-
-    A bag carries its definitions: only writing needs them, and bags that have none.
-    """
+    """Return the types of ROS 2 Jazzy and ``tel_interfaces``: for writing, and bags without them."""
     store = get_typestore(Stores.ROS2_JAZZY)
     folder = share_folder("tel_interfaces") / "msg"
     for name in _OURS:
@@ -52,14 +49,10 @@ def definition(kind: str) -> tuple[str, str]:
 
 
 def to_cdr(name: str, message: Any) -> bytes:
-    """Return a message of flat fields, arrays of them and other messages in the form that bags hold.
+    """Return a message, of a type such as ``tel_interfaces/msg/TrialGoal``, in the form that bags hold.
 
     ROS's own serialisation adds stray bytes after an empty array of doubles, and readers of bags then refuse
     the message.
-
-    Args:
-        name: of its type, e.g. ``tel_interfaces/msg/TrialGoal``.
-        message: anything with the fields of that type.
     """
     return bytes(typestore().serialize_cdr(_record(name, message), name))
 
@@ -81,10 +74,7 @@ def _value(kind: Any, value: Any) -> Any:
 
 
 def as_yaml_keeps_it(key: str, text: str) -> str:
-    """Return a text of the metadata as it is or, where rosbags' writer of YAML would change it, in Base64.
-
-    That writer folds long lines, some of them wrongly; see :func:`plain_text`.
-    """
+    """Return a text, in Base64 where rosbags' YAML would change it: it folds some long lines wrongly."""
     emitter, stream = YAML(typ="safe"), StringIO()
     emitter.default_flow_style = False
     # metadata.yaml has it one level deeper than the data file: lines are folded elsewhere.
@@ -104,10 +94,7 @@ def plain_text(stored: str) -> str:
 
 
 def offered_qos(topic: str, *, latched: bool = False) -> Qos:
-    """Return the quality of service for playing a topic of a trial: reliable, as it was published.
-
-    What a trial has once is latched in any case.
-    """
+    """Return how to play a topic of a trial: reliable, and latched if a trial has it once."""
     once = latched or any(topics.is_named(topic, name) for name in topics.RECORDED_ONCE)
     return Qos(
         history=QosHistory.KEEP_LAST,

@@ -46,8 +46,8 @@ class Wholeness(Enum):
 class InspectedTopic:
     """A topic of a bag: how many messages the bag announces, and how many can be read.
 
-    ``rate_hz`` and ``longest_gap_s`` are NaN for fewer than two messages. ``latched``: whether a replay keeps
-    the newest message for late joiners.
+    ``rate_hz`` and ``longest_gap_s``: NaN for fewer than two messages. ``latched``: for late joiners of a
+    replay.
     """
 
     name: str
@@ -61,15 +61,10 @@ class InspectedTopic:
 
 @dataclass(frozen=True)
 class InspectedBag:
-    """Everything that is to be said about a bag.
+    """What is to be said about a bag: ``problem`` in words, topics by name, ``trial`` if it is one's.
 
-    Args:
-        problem: what is wrong with it, in words; empty: nothing.
-        storage: ``mcap``, ``sqlite3`` or ``rosbag1``.
-        version: of the rosbag2 metadata; None: there are none.
-        topics: sorted by name.
-        trial: how it went, if it is the bag of a trial and can be read.
-        metadata: what was stored beside the messages.
+    ``storage``: ``mcap``, ``sqlite3`` or ``rosbag1``. ``version``: of the rosbag2 metadata; None: there are
+    none.
     """
 
     path: Path
@@ -92,11 +87,7 @@ class InspectedBag:
 
 
 def inspect_bag(bag: Path) -> InspectedBag:
-    """Read all of a bag and tell what there is; what is wrong with it is told, not raised.
-
-    Raises:
-        BagError: it is no bag at all.
-    """
+    """Read all of a bag and tell what there is and what is wrong; BagError if it is none."""
     is_closed = not bag.is_dir() or (bag / any_bag.METADATA_FILE).is_file()
     try:
         data = any_bag.data_files(bag)

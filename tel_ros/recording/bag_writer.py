@@ -97,10 +97,7 @@ class BagWriter:
     def add_topic(
         self, topic: str, kind: str, offered: Sequence[Qos], defined: tuple[str, str] | None = None
     ) -> None:
-        """Announce a topic.
-
-        ``offered`` says how to play it; ``defined``: text and hash of its type, if that is not one of ours.
-        """
+        """Announce a topic and how to play it; ``defined``: text and hash of a type not of ours."""
         text, type_hash = defined or definition(kind)
         self._connections[topic] = self._writer.add_connection(
             topic, kind, msgdef=text, rihs01=type_hash or _UNKNOWN, offered_qos_profiles=offered
@@ -121,10 +118,9 @@ class BagWriter:
             raise self._disk_error("cannot be written", error) from error
 
     def flush(self) -> None:
-        """End the chunk (MCAP) or the transaction (sqlite3) and wait until it is on the disk.
+        """End the chunk (MCAP) or transaction (sqlite3), and wait until it is on the disk.
 
-        rosbags does the former by itself after a megabyte, the latter only at the end. Raises BagError if the
-        disk does not take it.
+        rosbags does the former by itself after a megabyte, the latter only at the end.
         """
         storage = self._writer.storage
         try:
@@ -140,10 +136,7 @@ class BagWriter:
             raise self._disk_error("cannot be written", error) from error
 
     def close(self) -> None:
-        """Finish the bag and let it appear under its name.
-
-        Raises BagError if the disk does not take it; what there is stays in the folder of unfinished bags.
-        """
+        """Finish the bag and let it appear under its name; BagError if the disk does not take it."""
         storage = self._writer.storage
         if storage is None:
             raise BagError(self.bag, "is closed already", "a bag that is open")

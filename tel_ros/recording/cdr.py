@@ -55,13 +55,10 @@ class CommandNumbers(NamedTuple):
 
 
 class _Layout:
-    """The layout of a little-endian message: which fields stay, and where those are that change.
+    """The layout of a little-endian message, field by field: which stay, and where those are that change.
 
-    It is described field by field. With the bytes of a message (``raw``), lengths and texts that stay are
-    read from these instead of taken from the description.
-
-    Raises:
-        ValueError, struct.error: the message has another encoding, an impossible length, or ends too early.
+    With the bytes of a message (``raw``), lengths and texts that stay are read from these. ValueError,
+    struct.error: it has another encoding, an impossible length, or ends too early.
     """
 
     def __init__(self, raw: bytes | None = None) -> None:
@@ -248,11 +245,9 @@ class ControlStateLayout(_Layout):
 
 
 def message_reader(kind: type[Any], otherwise: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
-    """Return a reader of messages of one kind, most of which have the layout of the one before.
+    """Return a reader of messages, most of which have the layout (of class ``kind``) of the one before.
 
-    Args:
-        kind: class of the layouts.
-        otherwise: reads messages that have none of these: a driver may dress its messages as it likes.
+    Others are read by ``otherwise``: a driver may dress its messages as it likes.
     """
     layout: Any = None
 
@@ -285,10 +280,7 @@ def trial_index(serialised: bytes) -> int:
 
 
 def answered_ns(serialised: bytes) -> int | None:
-    """Return the stamp of the joint state that a serialised ``Float64MultiArray`` answers.
-
-    It is the label of a dimension, in decimal digits; None if the command does not say.
-    """
+    """Return the stamp of the state that a serialised command answers; None: it does not say."""
     number = _ORDERS[serialised[1] & 1][1]
     (n_dimensions,) = number.unpack_from(serialised, _HEADER_BYTES)
     place = _HEADER_BYTES + 4

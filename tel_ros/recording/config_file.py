@@ -42,18 +42,13 @@ def load_config(
 
     Args:
         path: YAML file. Its key ``arm`` is the name of an arm description (relative to the file) or the
-            description itself; the files that either names are relative to it, or in a package (see
-            :func:`~tel_ros.recording.shared_files.named_file`).
+            description itself; files that either names are as :func:`.shared_files.named_file` finds them.
         overrides: ``a.b=c`` assignments that take the place of values in the files; c is YAML.
         description: gets the file of a robot description from the graph if ``arm.urdf`` is empty; None: there
             is no graph, so it must not be.
 
     Returns:
         The configuration, with absolute file names and the limits of the joints filled from the URDF.
-
-    Raises:
-        InputFileError: a file is missing or unreadable.
-        ConfigError: a key is unknown, or a value is wrong.
     """
     path = Path(path)
     raw = read_yaml(path)
@@ -90,13 +85,10 @@ def _practicable(config: Config, source_of: SourceOf) -> Config:
 
 
 def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ...], source: str) -> Config:
-    """Return a configuration with other values for some keys, as given by options ``--set``.
+    """Return a configuration with the values of options ``--set`` for some keys.
 
-    Args:
-        config: the configuration.
-        overrides: as for :func:`load_config`.
-        keys: sections or single keys that may be given; others are refused (ConfigError).
-        source: where all other values come from, for messages.
+    ``keys``: sections or single keys that may be given; others are refused. ``source``: where all other
+    values come from, for messages.
     """
     overrides = list(overrides)
     for assignment in overrides:
@@ -109,10 +101,7 @@ def with_overrides(config: Config, overrides: Iterable[str], keys: tuple[str, ..
 
 
 def config_from(raw: Mapping[str, Any], source_of: SourceOf = lambda key: None) -> Config:
-    """Check nested plain values and return them as a configuration; ConfigError if something is wrong.
-
-    ``source_of``: from a dotted key to the file or option that it came from, for messages.
-    """
+    """Return plain values as a configuration; ``source_of``: from a dotted key to its file or option."""
     return read_record(Config, _renamed(raw), source_of)
 
 

@@ -67,10 +67,7 @@ def message_bytes(raw: bytes) -> bytes:
 
 
 def opened_file(file: Path, folder: Path) -> Any:
-    """Return an open reader of a data file, or of a copy that it makes in ``folder``, where it takes one.
-
-    Raises whatever the libraries raise about damaged bytes, also of a file that was cut off.
-    """
+    """Return an open reader of a data file, or of a copy in ``folder``, where it takes one."""
     file = _plain(file, folder)
     reader, failed = _READERS[file.suffix](file), None
     if file.suffix == ".bag" or not any(_beside(file)):
@@ -102,7 +99,7 @@ class SavedFile:
 
     ``lost_bytes``: of the file that are not in it; in sqlite3, of pages that are gone, and of the journal,
     which holds what a transaction that did not end has overwritten. ``whole``: the file is undamaged and was
-    closed. ``problem``: why nothing of it was saved.
+    closed.
     """
 
     name: str

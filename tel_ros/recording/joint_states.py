@@ -35,11 +35,7 @@ class RecordedStates:
 
 
 def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
-    """Read all joint states of one topic; of the only one, if none is named.
-
-    Raises:
-        BagError: the bag cannot be read, has no such topic, or several to choose from.
-    """
+    """Read all joint states of a topic, or of the only one; BagError if there is none, or several."""
     with open_any_bag(bag) as reader, reading(bag):
         connections = _connections(reader, topic)
         read = [(at, reader.deserialize(raw, JOINT_STATE)) for _, at, raw in reader.messages(connections)]

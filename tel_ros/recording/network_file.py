@@ -52,11 +52,7 @@ def revision(learner: Learner) -> str:
 
 
 def save_network(learner: Learner, path: Path) -> None:
-    """Write a learner so that a reader finds the old file or the new one, never half of one.
-
-    Raises:
-        NetworkFileError: the file cannot be written.
-    """
+    """Write a learner so that a reader finds the old file or the new one, never half of one."""
     stored = learner.stored()
     arrays = _arrays(learner, stored)
     try:
@@ -69,12 +65,7 @@ def save_network(learner: Learner, path: Path) -> None:
 
 
 def load_network(path: Path) -> Learner:
-    """Read a learner and check that it is whole.
-
-    Raises:
-        NetworkFileError: the file is missing, is no such network, or holds values that are not finite or
-            ranges without width.
-    """
+    """Read a learner; NetworkFileError if it is none, or its numbers cannot be used."""
     if not path.is_file():
         raise NetworkFileError(path, missing(path), _EXPECTED)
     try:
@@ -179,10 +170,7 @@ def learner_context(config: Config) -> LearnerContext:
 
 
 def new_network(config: Config) -> Learner:
-    """Return the learner that a configuration asks for: an untrained one, or that of an earlier run.
-
-    Raises ConfigError or, about the file of the earlier run, NetworkFileError.
-    """
+    """Return the learner that a configuration asks for: an untrained one, or that of an earlier run."""
     if config.practice.is_fastest:
         require_extrapolating(config.learning.name)
     if config.learning.start_from:

@@ -57,8 +57,7 @@ def stored_urdf(bag: Path, metadata: Mapping[str, str]) -> bytes:
 def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Config:
     """Return the configuration of a bag with its files written into a folder, under absolute names.
 
-    Files that a bag of an earlier version does not hold are taken from the folder of its run. BagError if one
-    is neither in the bag nor there, or the configuration cannot be used.
+    Files that a bag of an earlier version does not hold are taken from the folder of its run.
     """
     config = stored_config(bag, metadata)
     names = {}
@@ -89,11 +88,7 @@ def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -
 
 
 def versions() -> dict[str, str]:
-    """Return names and versions: ours, Python's, those of packages that results depend on.
-
-    ``revision`` is the commit of a checkout, with ``-dirty`` behind it where files differ from that. Code
-    that was installed has none.
-    """
+    """Return the versions of us, Python and what results depend on; the revision of a checkout."""
     found = {"tel_ros": __version__, "python": platform.python_version()}
     revision = git_revision(CHECKOUT)
     if revision:

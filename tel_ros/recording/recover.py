@@ -37,18 +37,11 @@ class Recovery:
 
 
 def recover(unfinished: Path, out: Path | None = None) -> Recovery:
-    """Save what a recording that was never closed holds; the recording stays as it is.
+    """Save what a recording that was never closed, or was damaged, holds; the recording stays as it is.
 
     The new bag is marked (custom data ``recovered``): nothing is trained on it, and no run is resumed after
-    it.
-
-    Args:
-        unfinished: folder of the recording, or of a closed bag whose data were damaged; or a data file.
-        out: folder of the new bag; None: beside a run's bags, where nothing takes it for one of them.
-
-    Raises:
-        BagError: there is no recording, it is whole, no message is whole, or the new bag exists or cannot be
-            written.
+    it. ``out`` None: beside a run's bags, where nothing takes it for one of them. BagError: there is no
+    recording, it is whole, no message is whole, or the new bag exists or cannot be written.
     """
     files = any_bag.files_in(unfinished)
     if not files:

@@ -27,8 +27,7 @@ STANDSTILL_S = 1.0
 class ReplayedTopic:
     """A topic of a bag, and the name under which it is published.
 
-    ``latched``: whether late joiners get its newest message. ``type_hash``: of its type as the bag defines it
-    (RIHS01); empty: unknown.
+    ``latched``: for late joiners. ``type_hash``: of its type as the bag defines it (RIHS01); empty: unknown.
     """
 
     connection: Connection
@@ -40,17 +39,10 @@ class ReplayedTopic:
 class Replay:
     """A bag with what is to be played of it.
 
-    Args:
-        reader: of the bag.
-        rate: seconds of the bag in a second.
-        start_offset_s: where in the bag to begin.
-        patterns: topics to play, as names or with ``*``, ``?`` and ``[…]``; empty: all.
-        states_to_nodes: whether the recorded joint states get the name that live nodes listen to.
-
-    Raises:
-        BagError: a bag of ROS 1, an empty one, one without a topic that was asked for, or, where joint states
-            are to go to the nodes, without or with several topics of them.
-        ConfigError: the rate is none, the offset is no time, or the bag is shorter.
+    ``rate``: seconds of the bag in a second. ``patterns``: topics to play, as names or with ``*``, ``?`` and
+    ``[…]``; empty: all. ``states_to_nodes``: whether the recorded joint states get the name that live nodes
+    listen to. BagError: a bag of ROS 1, an empty one, one without a topic that was asked for, or, where joint
+    states go to the nodes, without or with several topics of them.
     """
 
     def __init__(
@@ -90,10 +82,9 @@ class Replay:
         """What is played."""
 
     def messages(self, played: Sequence[ReplayedTopic]) -> Iterator[tuple[ReplayedTopic, int, bytes]]:
-        """Yield topic, time in the bag in ns and serialised message of at least one topic, in order of time.
+        """Yield topic, time in the bag [ns] and serialised message of at least one topic, in order of time.
 
-        What is latched and older than the beginning comes at the beginning: it held there. Raises BagError if
-        the bag cannot be read on.
+        What is latched and older than the beginning comes at the beginning: it held there.
         """
         by_connection = {(t.connection.topic, t.connection.id): t for t in played}
         latched = [t.connection for t in played if t.latched]
@@ -106,11 +97,7 @@ class Replay:
 
 
 class ReplaySchedule:
-    """When messages are due: absolute deadlines, so that delays do not add up.
-
-    ``rate``: seconds of the bag in a second. ``start_ns``: time in the bag that is due at once. ``now_s``: by
-    any clock that only goes forward.
-    """
+    """When messages are due: absolute deadlines, so that delays do not add up."""
 
     def __init__(self, rate: float, start_ns: int, now_s: float) -> None:
         self._rate, self._start_ns, self._start_s = rate, start_ns, now_s

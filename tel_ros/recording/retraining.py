@@ -69,15 +69,11 @@ def train(
     force: bool = False,
     on_lesson: Callable[[Path], None] = lambda bag: None,
 ) -> Retraining:
-    """Learn from bags, in their order, and write the network.
+    """Learn from bags or runs, in their order, and write the network.
 
     Configuration, URDF, waypoints and the network that the run began with are taken from the first bag.
-
-    ``paths``: bags, or folders of runs. ``overrides``: other settings of the learner, as for ``--set``.
-    ``force``: whether an existing file may be replaced. ``on_lesson``: called after each bag.
-
-    Raises InputFileError about ``out`` or, as BagError, about a bag; ConfigError about a setting;
-    TrainingError if a trial cannot be learned from.
+    ``overrides``: other settings of the learner. ``force``: whether an existing file may be replaced.
+    TrainingError: a trial cannot be learned from.
     """
     if out.exists() and not force:
         raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
@@ -95,11 +91,7 @@ def train(
 
 
 def bags_of(paths: Sequence[Path]) -> list[Path]:
-    """Return the bags that are meant: a run's folder stands for the bags of all its trials, in order.
-
-    Raises:
-        BagError: a folder of a run has no trials, or lacks one; a bag is named twice; there is no bag.
-    """
+    """Return the bags that are meant, all of a run, in order; BagError if one is missing or twice."""
     bags: list[Path] = []
     for path in paths:
         of_run = trial_bags(path) if is_run_folder(path) else None
@@ -122,11 +114,6 @@ def _relearned(
     """Learn from bags, one after the other, as practice does; yield the learner and a row after each.
 
     A trial before which practice had gone back to an earlier network is learned from with that one.
-
-    Raises:
-        BagError: a bag is unfinished, recovered or damaged; it is of another arm than the first; or it goes
-            back to the network after a trial whose bag is not among those before it.
-        TrainingError: a trial that was completed cannot be learned from, and ``practice.on_abort`` is stop.
     """
     metadata = [read_metadata(bag) for bag in bags]
     require_same_arm(list(zip(bags, metadata, strict=True)))
@@ -180,11 +167,10 @@ _ARM_KEYS = ("name", "joints", "command_interface", "stiffness_nm_per_rad", "dam
 
 
 def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmConfig | None = None) -> None:
-    """Make sure that all bags are of one arm.
+    """Raise BagError unless all bags are of one arm: ``arm``, or that of the first bag.
 
     Compared are its name, its joints in their order, its command interface, its springs (those of the
-    configuration: what a single trial varies is accounted for) and the text of its URDF. BagError if a bag
-    differs in one of them from ``arm``, whose URDF can be read; None: from the first bag.
+    configuration: what a single trial varies is accounted for) and the text of its URDF.
     """
     if arm is not None:
         reference, origin = _facts(arm, Path(arm.urdf).read_bytes()), "the configuration"

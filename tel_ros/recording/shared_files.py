@@ -16,10 +16,7 @@ _PACKAGE = "package://"
 
 
 def share_folder(package: str) -> Path:
-    """Return a package's share folder, below whichever prefix its Python module is installed in.
-
-    The ament index would need an environment that has been sourced; this works without one as well.
-    """
+    """Return a package's share folder, below whichever prefix its module is installed in."""
     spec = find_spec(package)
     if spec is None or spec.origin is None:
         raise InputFileError(package, "no such Python package", "an installation with `make setup`")
@@ -31,13 +28,10 @@ def share_folder(package: str) -> Path:
 
 
 def named_file(name: str, folder: Path, key: str = "arm.urdf") -> Path:
-    """Return the absolute path of a file that a configuration names.
+    """Return the absolute path of a file that a configuration names, under ``key``, relative to a folder.
 
-    Args:
-        name: a file, or ``package://NAME/path`` of one that comes with a package: an installed Python package
-            (``package://pybullet_data/kuka_iiwa/model.urdf``), or a ROS package in AMENT_PREFIX_PATH.
-        folder: what a relative file name is relative to.
-        key: that names it, for messages.
+    ``package://NAME/path`` comes with an installed Python package
+    (``package://pybullet_data/kuka_iiwa/model.urdf``) or with a ROS package in AMENT_PREFIX_PATH.
     """
     if not name.startswith(_PACKAGE):
         return (folder / name).resolve()
@@ -76,10 +70,7 @@ def shipped_configs() -> dict[str, Path]:
 
 
 def named_config(name: str) -> Path:
-    """Return the file of that name or, of a bare name, the shipped configuration; InputFileError if neither.
-
-    The user's file comes first: what lies in the working folder is what is meant.
-    """
+    """Return the file of that name, else the shipped configuration that a bare name stands for."""
     path = Path(name)
     if path.is_file() or path.name != name:
         return path

@@ -35,10 +35,7 @@ REVISION = "network_revision"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTrial(Trial):
-    """A trial as it lies in its bag.
-
-    ``metadata``: what was stored beside the messages.
-    """
+    """A trial as it lies in its bag, with what was stored beside the messages."""
 
     bag: Path
     metadata: Mapping[str, str]
@@ -50,8 +47,7 @@ class RecordedTrial(Trial):
 def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision: str) -> dict[str, str]:
     """Return the custom data of a trial's bag: all that it takes to plan, repeat and learn from the trial.
 
-    ``config`` names files that can be read; ``written`` is the same as it is written in the run's folder.
-    ``revision``: of the network that has predicted the command.
+    ``written`` is ``config`` as in the run's folder; ``revision``: of the network that predicted the command.
     """
     return {
         "config": dump_config(written),
@@ -69,15 +65,10 @@ def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision
 
 
 def read_trial(bag: Path, *, recovered: bool = False) -> RecordedTrial:
-    """Read a trial and check that it is whole.
+    """Read a trial; BagError unless it is whole: closed, unchanged, all of its messages and ticks there.
 
     With ``recovered`` a bag that was recovered after a crash will do, for a person who wants to look: its end
     may be missing. Where there is no result, the outcome is ``ABORTED``; the message says why.
-
-    Raises:
-        BagError: there is no closed bag, its data have changed since they were recorded, it was recovered
-            after a crash, it does not hold what a trial holds, it yields fewer messages than it announces, or
-            fewer control states than the trial had ticks.
     """
     with _opened(bag, recovered) as (reader, metadata):
         states, results, goals = (
@@ -101,11 +92,7 @@ def read_report(bag: Path) -> TrialReport:
 
 
 def read_topic(bag: Path, topic: str) -> list[tuple[int, Any]]:
-    """Return time [ns] and content of all messages of a topic (of :mod:`topics`) of a closed bag.
-
-    Raises:
-        BagError: as for :func:`check_bag`; or it has no such topic, or yields other than it announces.
-    """
+    """Return time [ns] and content of a topic's messages in a closed bag; BagError unless all."""
     with _opened(bag) as (reader, _):
         return _messages(reader, topic)
 
@@ -227,10 +214,7 @@ def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
 
 
 def read_metadata(bag: Path, *, recovered: bool = False) -> dict[str, str]:
-    """Return what was stored beside the messages of a closed bag.
-
-    Raises BagError if there is none, its metadata are not readable, or it was recovered and that will not do.
-    """
+    """Return what was stored beside the messages of a closed bag, not a recovered one unless that will do."""
     file = bag / any_bag.METADATA_FILE
     if not file.is_file():
         unclosed = bag.is_dir() and any_bag.files_in(bag)
@@ -258,10 +242,9 @@ def _messages(reader: AnyBag, topic: str) -> list[tuple[int, Any]]:
 def read_arm_record(
     bag: Path, command_topic: str
 ) -> tuple[dict[int, tuple[tuple[float, ...], tuple[float, ...]]], list[tuple[int, tuple[float, ...]]]]:
-    """Return the joint states and the commands of a trial, of joints in the order of the messages.
+    """Return states and commands of a trial, of joints in the order of the messages.
 
-    Stamp [ns] to positions in rad and velocities in rad/s; and stamps of the states that were answered, each
-    with the command that answered it. BagError: the bag cannot be read, or holds no joint states.
+    Stamp [ns] to positions and velocities; and stamps of states that were answered, each with its command.
     """
     states = {
         stamp_ns: (tuple(state.position.tolist()), tuple(state.velocity.tolist()))

@@ -42,8 +42,7 @@ def urdf_text(arm: ArmDescription) -> str:
 def mesh_file(urdf: Path, name: str) -> str | None:
     """Return the file of a mesh that a URDF names, or None if it is not there.
 
-    ``package://NAME/meshes/a.stl`` is looked for above the URDF, with and without the package's name, and in
-    installed packages.
+    ``package://NAME/meshes/a.stl`` is looked for above the URDF, with and without NAME, and in packages.
     """
     relative = name.removeprefix("package://").removeprefix("file://")
     tails = [relative, relative.partition("/")[2]] if name.startswith("package://") else [relative]
@@ -60,20 +59,10 @@ def mesh_file(urdf: Path, name: str) -> str | None:
 def arm_description(
     file: Path, joints: Sequence[str], others: Mapping[str, tuple[float, float]]
 ) -> tuple[str, list[str]]:
-    """Return a URDF in which all joints that are not learned are fixed where they were.
+    """Return a URDF in which all joints that are not learned are fixed where they were, and what was assumed.
 
-    Args:
-        file: URDF of the arm.
-        joints: that are learned.
-        others: within which positions [rad] other joints were recorded; what was not is taken to be as near
-            to 0 as it can be.
-
-    Returns:
-        Its text, and what had to be assumed, in words.
-
-    Raises:
-        InputFileError: the file is missing, or no URDF.
-        ConfigError: a joint is not in it, or one that is not learned has moved.
+    ``others``: within which positions [rad] other joints were recorded; what was not is taken to be as near
+    to 0 as it can be. ConfigError: a joint is not in the file, or one that is not learned has moved.
     """
     urdf = read_urdf(file)
     found = [joint.name for joint in urdf.joints.values() if joint.kind in MOVABLE]

@@ -37,14 +37,8 @@ def _load(name: str, file: str, keys: str, arm: ArmConfig) -> JointPath:
 def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") -> FloatArray:
     """Read waypoints: a header line with the joints' names in any order, then one row a waypoint, in rad.
 
-    Args:
-        file: to read.
-        joints: names, in the order of the columns that are returned. Shape (n, n_joints).
-        key: of the configuration, for messages.
-
-    Raises:
-        InputFileError: the file is missing, a column is missing or unknown, a row has the wrong length or a
-            value that is no finite number, there are fewer than two waypoints or two equal neighbours.
+    ``key``: of the configuration, for messages. Columns are in the order of ``joints``. InputFileError: it is
+    no such file, or has fewer than two waypoints or two equal neighbours.
     """
     try:
         with file.open(newline="", encoding="utf-8-sig") as lines:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -30,16 +31,11 @@ FORMATS = (".png", ".svg", ".pdf", ".html")
 
 
 def plot_bag(bag: Path, out: Path, topic: str = "") -> str:
-    """Write the figure of a bag, and return what is to be said about it; mostly nothing.
+    """Write the figure of a bag into a file of whatever format, and return a note about it, mostly empty.
 
-    Args:
-        bag: of a trial, or any with joint states.
-        out: the file; its ending says which format.
-        topic: of joint states to draw, even from a bag of a trial; empty: the trial, or the only topic.
-
-    Raises:
-        BagError: the bag cannot be read, or has nothing to draw.
-        InputFileError: the format is unknown, or the file cannot be written.
+    ``topic``: of joint states to draw, even from a bag of a trial; empty: the trial, or the only topic.
+    BagError: the bag has nothing to draw. InputFileError: the format is unknown, or the file cannot be
+    written.
     """
     if out.suffix not in FORMATS:
         raise InputFileError(out, f"ends in {out.suffix or 'nothing'}", f"an ending {', '.join(FORMATS)}")
@@ -84,10 +80,7 @@ def _limits(trial: RecordedTrial) -> tuple[tuple[float, ...] | None, str]:
 
 
 def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title: str) -> Figure:
-    """Return position, tracking error and torque of each joint over the time of a trial.
-
-    ``limits_nm`` are the effort limits of the joints; None: unknown.
-    """
+    """Return position, error and torque of each joint over time; ``limits_nm`` None: unknown."""
     figure, rows = _grid(trial.joints, ("position [rad]", "actual − desired [rad]", "torque [N·m]"), title)
     time_s, n = trial.time_s, len(trial.joints)
     # In APPROACH there is no desired position yet.
@@ -101,7 +94,7 @@ def trial_figure(trial: RecordedTrial, limits_nm: Sequence[float] | None, title:
             for where, colour, alpha in (around, stopped):
                 for first, end in plot.stretches(where):
                     until_s = time_s[min(end, len(time_s) - 1)]
-                    shade = {"color": colour, "alpha": alpha, "linewidth": 0.0, "zorder": 0.1}
+                    shade: dict[str, Any] = {"color": colour, "alpha": alpha, "linewidth": 0.0, "zorder": 0.1}
                     axes.axvspan(time_s[first], until_s, **shade)
         desired_rad, actual_rad = desired[:, joint], trial.position_rad[:, joint]
         position.plot(time_s, trial.equilibrium_rad[:, joint], color=plot.GREY, linewidth=1.3)

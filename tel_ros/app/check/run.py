@@ -43,12 +43,8 @@ def check_arm(
     """Check an arm and return all findings, in the order of the table; a simulated one is started for that.
 
     Without bounds of pulses it only listens. ``agree`` is asked before a real arm is pulsed, with what is
-    going to happen.
-
-    Raises:
-        ConfigError: something about the configuration is wrong; nothing has moved.
-        GraphError: no joint states within ``run.arm_timeout_s``, or the simulated arm died.
-        KeyboardInterrupt: passed on after zero effort was commanded.
+    going to happen. ConfigError: nothing has moved. GraphError: no joint states within ``run.arm_timeout_s``,
+    or the simulated arm died. KeyboardInterrupt is passed on after zero effort was commanded.
     """
     if not 0.5 <= listen_s <= 600.0:
         raise ConfigError("--listen", listen_s, "0.5 to 600 s")

@@ -95,11 +95,10 @@ class RunData:
 
 
 def read_run(folder: Path) -> RunData:
-    """Read a run folder. Bags that cannot be read are noted, not fatal.
+    """Read a run folder; bags that cannot be read are noted, not fatal.
 
-    Raises:
-        InputFileError: there is no summary, no configuration or no trial.
-        ConfigError: the configuration is wrong.
+    InputFileError: there is no summary, no configuration or no trial. ConfigError: the configuration is
+    wrong.
     """
     file, summary = folder / SUMMARY_FILE, read_summary(folder)
     try:
@@ -127,10 +126,7 @@ def spread(items: Sequence[Item]) -> list[Item]:
 
 
 def read_drawable(run: RunData, most: int) -> list[DrawnTrial]:
-    """Return the trials that can be drawn, evenly chosen if there are more than ``most``.
-
-    A bag that turns out to be unreadable is left out.
-    """
+    """Return the trials that can be drawn, evenly chosen if there are more than ``most``."""
     read = {trial.summary.index: trial for trial in run.drawn}
     found = []
     for row in (run.drawable[place] for place in evenly_spaced(len(run.drawable), most)):

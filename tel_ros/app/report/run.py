@@ -102,9 +102,8 @@ DETAILS: tuple[Section[RunData], ...] = (
 def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     """Write ``report.html`` and the figures of a practice run into its folder, and return the page's path.
 
-    Raises:
-        InputFileError: the folder is not that of a run with at least one trial, or cannot be written; as
-            BagError, after the page is written: not one bag can be used.
+    InputFileError: the folder is not that of a run with at least one trial, or cannot be written; as
+    BagError, after the page is written: not one bag can be used.
     """
     run, name = read_run(folder), folder.resolve().name
     date = f"{datetime.fromtimestamp((folder / SUMMARY_FILE).stat().st_mtime).astimezone():%Y-%m-%d %H:%M}"

@@ -172,9 +172,8 @@ SECTIONS: tuple[Section[Runs], ...] = (
 def write_runs_report(folders: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> Path:
     """Write ``report.html`` and its figures on two or more runs into a folder, and return the page's path.
 
-    Raises:
-        InputFileError: a run is given twice, there are too many, one cannot be read, or ``out`` is the folder
-            of a run or cannot be written.
+    InputFileError: a run is given twice or cannot be read, they are too many, or ``out`` is one of them or
+    cannot be written.
     """
     _require_different(folders, out)
     data = Runs(_names(folders), tuple(map(read_run, folders)))

@@ -37,11 +37,7 @@ def _require_view() -> None:
 
 
 def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Beside:
-    """Return what runs beside a practice run: the live view, or nothing.
-
-    Raises:
-        ViewError: the extra ``view`` is not installed.
-    """
+    """Return what runs beside a practice run: the live view (ViewError without its extra), or nothing."""
     if not with_view:
         return lambda config_file, log_folder: nullcontext()
     _require_view()
@@ -52,8 +48,7 @@ def beside_run(with_view: bool, console: Console, namespace: str = "/") -> Besid
 def _view_process(console: Console, namespace: str, config_file: Path, log_folder: Path) -> Iterator[None]:
     """Run the view as a process beside a practice run, which neither waits for it nor needs it.
 
-    It gets SIGTERM from the kernel if this process dies. What it says, its link or why there is none, comes
-    to the console from another thread.
+    What it says, its link or why there is none, comes to the console from another thread.
     """
     log_folder.mkdir(parents=True, exist_ok=True)
     with (log_folder / "view.log").open("wb") as log:

@@ -33,8 +33,7 @@ ANSWER_TIMEOUT_S = 2.0
 class GraphView:
     """Subscribes best effort, and takes only the newest message of the fast topics, when it looks.
 
-    It has no publisher. Services can be called from any thread, and return at once. The owner of the node
-    spins it.
+    It has no publisher. Its services can be called from any thread, and return at once.
     """
 
     def __init__(

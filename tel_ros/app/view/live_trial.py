@@ -134,10 +134,7 @@ class History:
         """Number of the trial and positions of the hand [m], shape (n, 3), NaN in gaps; oldest first."""
 
     def end(self, result: TrialResult, reason: str, live: LiveTrial | None) -> None:
-        """Take in a trial that has ended, and what was seen of it.
-
-        A number that was there before begins a new run; a row equal to the last one is a repetition.
-        """
+        """Take in a trial that has ended, and what was seen of it, unless it repeats the last one."""
         if self.trials and (result, reason) == self.trials[-1]:
             return
         if self.trials and result.index <= self.trials[-1][0].index:

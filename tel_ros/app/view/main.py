@@ -44,11 +44,7 @@ _WORDS_EVERY = 4
 
 
 class LiveView:
-    """Keeps the page up to date with what is heard. The owner spins the node; ``token`` is the link's secret.
-
-    Raises:
-        TelError: the arm or its path cannot be drawn, or the server cannot be opened safely.
-    """
+    """Keeps the page up to date with what is heard; ``token`` is the link's secret."""
 
     def __init__(self, config: Config, node: Node, token: str, port: int) -> None:
         self._config, self._node = config, node
@@ -126,11 +122,7 @@ def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 
 def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
-    """Show a graph until SIGINT or SIGTERM; print the link when the page is there. Port 0: any that is free.
-
-    Raises:
-        TelError: as :class:`LiveView`.
-    """
+    """Show a graph until SIGINT or SIGTERM; print the link. Port 0: any that is free."""
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: stopping.append(number))

@@ -43,11 +43,7 @@ _NOTHING: FloatArray = np.zeros((1, 2, 3), dtype=np.float32)
 
 
 class Page:
-    """What every browser sees that has the page open; it looks from ``view`` at first.
-
-    Raises:
-        ViewError: the URDF cannot be drawn.
-    """
+    """What every browser sees that has the page open; ViewError if the URDF cannot be drawn."""
 
     def __init__(
         self, server: viser.ViserServer, arm: ArmConfig, view: Viewpoint, controls: GraphView
@@ -234,10 +230,7 @@ def _inset(html: str) -> str:
 
 
 def segments(points_m: FloatArray) -> FloatArray:
-    """Return the segments between points of shape (n, 3), none to or from NaN.
-
-    Shape (n_segments, 2, 3), at least one.
-    """
+    """Return the segments between points (n, 3), none at NaN. Shape (n_segments, 2, 3), at least one."""
     segments: Any = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
     return segments if len(segments) else _NOTHING

@@ -73,11 +73,7 @@ def harmless(message: str | bytes) -> bytes | None:
 
 
 class OwnersServer:
-    """viser behind a gate, at a port (0: any that is free); ``token`` is the secret.
-
-    Raises:
-        ViewError: the port is taken, or this viser cannot be protected. Nothing listens then.
-    """
+    """viser behind a gate; ViewError if the port is taken or viser cannot be protected."""
 
     def __init__(self, token: str, port: int, label: str) -> None:
         if not token:
@@ -198,10 +194,7 @@ class OwnersServer:
 
 @contextlib.contextmanager
 def _servers_listen_at(file: Path) -> Iterator[None]:
-    """Have servers on event loops that are made meanwhile listen at a socket file instead of host and port.
-
-    viser makes a loop of its own and opens its server there; host and port are all that it takes.
-    """
+    """Have servers on event loops that are made meanwhile listen at a socket file, not at a port."""
 
     class Loop(asyncio.SelectorEventLoop):
         async def create_server(  # type: ignore[override]

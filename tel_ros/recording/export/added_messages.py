@@ -101,10 +101,7 @@ def messages_of_arm(arm: ExportedArm, time_ns: int) -> Iterator[Added]:
 def messages_of_trial(
     trial: RecordedTrial, arm: ExportedArm, begin_ns: int, end_ns: int, shift_ns: int
 ) -> list[Added]:
-    """Return what is added to a trial, in the order of time.
-
-    ``begin_ns``, ``end_ns``: its first and last message in the file. ``shift_ns``: added to recorded times.
-    """
+    """Return what is added to a trial, in order; ``shift_ns``: between recorded times and the file's."""
     times_ns = trial.time_ns + shift_ns
     limits = np.array(arm.config.effort_limit_nm)
     bounds = _serialised(EFFORT_LIMIT, **_array(np.concatenate([limits, -limits])))

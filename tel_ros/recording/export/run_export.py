@@ -61,14 +61,10 @@ def export(source: Path, out: Path) -> Export:
     """Write a run, or a single trial, into one MCAP file, which is also a rosbag2 folder.
 
     Everything that was recorded is there byte by byte, with its definition; what is added to it lies on
-    topics of its own (:data:`.added_messages.ADDED`). The time of a message in the file is the recorded one
-    as long as that does not go back from one trial to the next (:class:`Timeline`); stamps inside recorded
-    messages are never touched.
-
-    Raises:
-        BagError: there is neither run nor bag, no trial of it is whole, the arm's description is missing, or
-            the folder exists or cannot be written.
-        ConfigError: the arm's description does not fit its configuration.
+    topics of its own (:data:`.added_messages.ADDED`). Times are the recorded ones as long as they do not go
+    back from one trial to the next (:class:`Timeline`). BagError: there is neither run nor bag, no trial of
+    it is whole, or the folder exists or cannot be written; or, also as ConfigError, about the arm's
+    description.
     """
     if out.exists():
         raise BagError(out, "exists already", "a folder that is new")
@@ -116,8 +112,8 @@ def _whole_trial(bag: Path) -> RecordedTrial:
 class Timeline:
     """Places trials one after another; each keeps its recorded time if that comes after the trial before it.
 
-    Trials overlap where the clock was set back or began anew (a simulated arm that was restarted). The first
-    of them is moved to :data:`GAP_NS` after the trial before it, and all later ones by as much.
+    Where the clock was set back or began anew, trials overlap: the first such one is moved to :data:`GAP_NS`
+    after the trial before it, and all later ones by as much.
     """
 
     def __init__(self) -> None:

@@ -148,15 +148,9 @@ def _is_number(text: str) -> bool:
 def read_csv_recording(
     file: Path, joints: Sequence[str] = (), renaming: Renaming | None = None
 ) -> JointRecording:
-    """Read a recording of the joints to learn, and of others that only have a position, as far as it is one.
+    """Read a recording of the joints to learn (empty: all with an effort), and of others.
 
-    Args:
-        file: to read.
-        joints: to learn; empty: all with a position and an effort.
-        renaming: of the joints in the file.
-
-    Raises:
-        InputFileError: the file cannot be used or lacks a column of one of the joints to learn.
+    InputFileError: the file cannot be used or lacks a column of one of the joints to learn.
     """
     table = read_table(file, renaming)
     if TIME not in table.header or not table.named(POSITION):
@@ -194,24 +188,13 @@ def read_movement(
     rate_hz: float,
     renaming: Renaming | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Read a movement.
-
-    Args:
-        file: a CSV with ``time_s`` and ``q_<joint>``, with or without ``dq_<joint>`` and ``ddq_<joint>``; or
-            waypoints, a column a joint, as practice takes them.
-        joints: names, in the order of the columns that are returned.
-        duration_s: of the movement along waypoints; None for a file that tells times.
-        rate_hz: of the points along waypoints.
-        renaming: of the joints in a file that tells times.
+    """Read a movement: a CSV that tells times, or waypoints with a duration and a rate.
 
     Returns:
         Times [s] of shape (n,), and q, q̇, q̈ of shape (n, 3 * n_joints). Velocities and accelerations that
         the file does not tell are those of a spline through the positions.
 
-    Raises:
-        InputFileError: the file is missing or malformed, lacks a joint, tells too few points, or times that
-            do not increase.
-        ConfigError: waypoints without a duration, or times with one.
+    Raises InputFileError about the file; ConfigError: waypoints without a duration, or times with one.
     """
     table = read_table(file, renaming, _MOVEMENT)
     if TIME not in table.header:

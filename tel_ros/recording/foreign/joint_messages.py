@@ -32,11 +32,9 @@ def merged_states(source: str, stamped: Sequence[Stamped], learned: Sequence[str
     """Return all joints at the times of that joint, of those to learn, which has the fewest messages.
 
     Messages without efforts do not count for a joint that has some with. Joints at other times are
-    interpolated by a cubic spline; times that lie in a gap of one of them are left out.
-
-    Raises:
-        InputFileError: a message names a joint twice, or has another number of values than joints; stamps go
-            back; or joints were never recorded at the same time.
+    interpolated by a cubic spline; times that lie in a gap of one of them are left out. InputFileError: a
+    message names a joint twice, or has another number of values than joints; stamps go back; or joints were
+    never recorded together.
     """
     messages, names = [each.message for each in stamped], [each.names for each in stamped]
     fullest_first = sorted(names, key=len, reverse=True)

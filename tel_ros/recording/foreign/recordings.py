@@ -34,12 +34,9 @@ _EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajector
 class Wanted:
     """What to read of recordings.
 
-    Args:
-        topic: of bags; empty: chosen by what the topics tell.
-        joints: to learn, in this order; empty: all whose efforts the first source tells, of those that the
-            URDF has.
-        urdf: ranges of the movable joints of the arm's URDF; empty: there is none.
-        renaming: of the joints in the recordings.
+    ``topic``: of bags; empty: chosen by what they tell. ``joints``: to learn, in this order; empty: all whose
+    efforts the first source tells, of those that the URDF has. ``urdf``: ranges of its movable joints, if
+    any.
     """
 
     topic: str = ""
@@ -68,15 +65,11 @@ def read_source(source: Path, wanted: Wanted | None = None) -> list[JointRecordi
 def read_sources(
     sources: Sequence[Path], wanted: Wanted | None = None
 ) -> tuple[list[JointRecording], dict[str, tuple[float, float]], list[str]]:
-    """Read recordings of one arm.
+    """Read recordings of one arm; InputFileError if one cannot be used, or cannot be of that arm.
 
     Returns:
         Recordings of the joints to learn, each fit to be learned from; within which positions other joints
         stayed, by name; and what is to be doubted, in words.
-
-    Raises:
-        InputFileError: a source cannot be used, cannot be of this arm, lacks a joint, or tells other joints
-            than the first one.
     """
     wanted = wanted or Wanted()
     found = [recording for source in sources for recording in read_source(source, wanted)]
@@ -106,17 +99,11 @@ def read_sources(
 
 
 def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
-    """Read what a bag tells of joints and their efforts.
+    """Read what a bag tells of joints and their efforts; InputFileError if that is none, or ambiguous.
 
     Of several topics that one is read which tells most of the wanted joints; another one only if it has those
-    that this one lacks.
-
-    Returns:
-        One recording for joint states, of all joints that their messages name, on one time base; one for each
-        message of a topic of trajectories.
-
-    Raises:
-        InputFileError: the bag cannot be used, has no such topic or several to choose from, or no efforts.
+    that this one lacks. Joint states become one recording of all joints on one time base, each trajectory is
+    one.
     """
     wanted = wanted or Wanted()
     with reading(bag, _EXPECTED), open_any_bag(bag, closed=False) as reader:
