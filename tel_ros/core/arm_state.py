@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import FloatArray
@@ -26,11 +26,17 @@ class ArmState:
     """What the motors are said to have exerted until then; None: nothing is said."""
     estimated: bool = False
     """Whether velocities are missing, and estimated from the positions."""
+    positions: list[float] = field(init=False, repr=False, compare=False)
+    velocities: list[float] = field(init=False, repr=False, compare=False)
+    """The same numbers as lists: in the control loop so few are compared faster one by one."""
 
     def __post_init__(self) -> None:
+        positions, velocities = self.position_rad.tolist(), self.velocity_rad_s.tolist()
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "velocities", velocities)
         # A sum is finite only if all of its terms are, and in the control loop it costs less than isfinite.
-        if not math.isfinite(sum(self.position_rad.tolist()) + sum(self.velocity_rad_s.tolist())):
+        if not math.isfinite(sum(positions) + sum(velocities)):
             raise StateError(
-                f"the joint state has position {self.position_rad.tolist()} rad and velocity "
-                f"{self.velocity_rad_s.tolist()} rad/s; expected finite numbers"
+                f"the joint state has position {positions} rad and velocity {velocities} rad/s; "
+                "expected finite numbers"
             )

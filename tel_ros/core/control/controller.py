@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from tel_ros.core.safety.rules import Permitted
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
+
+# Looked up here, they cost the loop a tenth.
+IDLE, APPROACH, SETTLE, RUN, HOLD, STOP = Phase
 
 
 class EpController:
@@ -48,15 +52,13 @@ class EpController:
         self._state_timeout_ns = round(control.state_timeout_s * NS_PER_S)
         self._settle_timeout_ns = round(control.settle_timeout_s * NS_PER_S)
         self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
-        self._enter(Phase.IDLE, 0)
+        self._enter(IDLE, 0)
         self.report: TrialReport | None = None
         """Of the trial that has just ended; None while one is under way."""
         self._trial: TrialCourse | None = None  # the last one, also when it has ended
         self._last_ns = 0
         self._equilibrium: FloatArray | None = None
         self._velocity = np.zeros(len(arm.joints))
-        self._approach: Approach | None = None
-        self._way_back = self.limits
         self._hold, self._releasing = Hold(), False
         self.distrusts = False
         """Whether readings or wiring have been found wrong, until the stop is reset."""
@@ -88,7 +90,7 @@ class EpController:
 
         A loss of the states ends a trial in mid-motion, and the brake may take longer than a trial waits.
         """
-        return self.phase == Phase.STOP and not (self.active or self._releasing or self._still)
+        return self.phase is STOP and not (self.active or self._releasing or self._still)
 
     @property
     def max_error_rad(self) -> float:
@@ -106,7 +108,7 @@ class EpController:
         """Whether :meth:`stop_for` or :meth:`finish` has come to its end: nothing more will change."""
         if self.stopped_for is None or self.active:
             return False
-        if self.phase == Phase.IDLE:
+        if self.phase is IDLE:
             return True
         if self._releases or self._releasing:
             return self._releasing and not self.safety.last_nm.any()
@@ -134,7 +136,7 @@ class EpController:
         self.safety.response.forgive()
         self._trial, self.report = TrialCourse(goal), None
         # What is held at present is left smoothly; an arm that nobody holds is picked up where it is.
-        self.phase = Phase.APPROACH
+        self.phase = APPROACH
 
     def cancel(self) -> None:
         """Stop the trial that is under way, if any: the arm is brought to rest and held."""
@@ -168,14 +170,14 @@ class EpController:
             if self.safety.last_nm.any():
                 self._begin_stop(self._last_ns)
             else:
-                self.phase, self._releasing, self._equilibrium = Phase.IDLE, False, None
+                self.phase, self._releasing, self._equilibrium = IDLE, False, None
 
     def lose_states(self, message: str) -> None:
         """End the trial because no states come any more; the effort must go to zero until they do.
 
         If states return, the arm is braked and held.
         """
-        if self.phase == Phase.IDLE:
+        if self.phase is IDLE:
             return
         self.safety.none()
         if self._releasing:
@@ -196,41 +198,41 @@ class EpController:
     def decide(self, state: ArmState) -> Tick | None:
         """Decide what to command in answer to a state; None: nothing yet. :meth:`conclude` has to follow."""
         trial = self._trial
-        begins = trial is not None and self.active and not trial.ticks
-        if self.phase == Phase.IDLE or trial is None or (begins and not self._begin(trial, state)):
+        if self.phase is IDLE or trial is None:
             self._last_ns = state.time_ns
             return None
-        if not begins:
+        if trial.ticks or not self.active:
             self._check(state)
+        elif not self._begin(trial, state):
+            self._last_ns = state.time_ns
+            return None
         self._last_ns, self._velocity = state.time_ns, state.velocity_rad_s
         trial.ticks += 1
         self._advance(trial, state)
         target = self._target(trial, state)
-        if self.phase != Phase.STOP:
-            limits = self._way_back if self.phase == Phase.APPROACH else self.limits
+        if self.phase is not STOP:
+            limits = trial.way_back if self.phase is APPROACH else self.limits
             violation = limits.violation(state, target.position)
             if violation is not None:
                 self._stop(Outcome.ABORTED, violation)
                 target = self._target(trial, state)
         equilibrium, effort, saturated = self._command(state, target)
         self._equilibrium = equilibrium
-        watched = not (self._releasing or self.phase == Phase.HOLD or self.safety.response.waits)
+        watched = not (self._releasing or self.phase is HOLD or self.safety.response.waits)
         if self._first_motion is not None and watched:
             fault = self._first_motion.look(state, equilibrium, effort)
-            too_fast = self.phase == Phase.STOP and not trial.run_ns and self.limits.too_fast(state)
+            too_fast = self.phase is STOP and not trial.run_ns and self.limits.too_fast(state)
             if fault or too_fast:
                 self._distrust(trial, fault or "no brake is tried before a first movement has gone well")
                 effort = self.safety.none().effort_nm
-        desired = (target.position, target.velocity, target.acceleration)
-        return Tick(self.phase, self.time_from_start_s, *desired, equilibrium, effort, saturated)
+        return Tick(self.phase, self.time_from_start_s, *target[:3], equilibrium, effort, saturated)
 
     def conclude(self, state: ArmState, tick: Tick) -> None:
         """Keep the books of a tick that :meth:`decide` has returned; the command need not wait for this."""
         if self._exerted_nm is not None:
             self._hold.load.add(state.time_ns, self._exerted_nm)
-        if tick.phase == Phase.RUN and self._trial is not None:
-            error_rad = state.position_rad - tick.desired_position_rad
-            self._trial.score.add(error_rad, tick.effort_nm, tick.saturated)
+        if tick.phase is RUN and self._trial is not None:
+            self._trial.score.add(state, tick)
         self._finish_if_over(state.time_ns)
 
     def _command(self, state: ArmState, target: Target) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -266,15 +268,13 @@ class EpController:
             self._exerted_nm = permitted.effort_nm
         return permitted
 
-    def _pull(self, state: ArmState, target: Target) -> FloatArray | None:
-        """Return how hard the springs would pull towards the desired position without what was learned."""
-        if self.phase == Phase.STOP or self._trial is None:
+    def _pull(self, state: ArmState, target: Target) -> Callable[[int], float] | None:
+        """Return how hard a spring would pull towards the desired position without what was learned."""
+        if self.phase is STOP or self._trial is None:
             return None
-        wanted = target.position
-        if self.phase == Phase.APPROACH:  # leads to where the learned effort acts as well
-            first = self._trial.points.first
-            wanted = wanted - first.equilibrium + first.position
-        return self._springs.stiffness_nm_per_rad * (wanted - state.position_rad)
+        wanted = self._trial.wanted_rad(self.phase, target)
+        stiffness, positions = self._springs.stiffness_nm_per_rad, state.positions
+        return lambda j: float(stiffness[j] * (wanted[j] - positions[j]))
 
     def _check(self, state: ArmState) -> None:
         """Abort if a state is too old or time jumped."""
@@ -295,7 +295,7 @@ class EpController:
 
     def _distrust(self, trial: TrialCourse, reason: str) -> None:
         """End the trial and let go of the arm for good: whatever is commanded could drive it."""
-        if self.phase == Phase.STOP and self.active:
+        if self.phase is STOP and self.active:
             trial.message += f"; {reason}"
         self.stop_for(reason)
         self.safety.none()
@@ -306,31 +306,32 @@ class EpController:
     def _begin(self, trial: TrialCourse, state: ArmState) -> bool:
         """Take up a trial, unless the arm is where it cannot be: then it stays held, or alone, as it was."""
         trial.start_ns = state.time_ns
-        if self.phase != Phase.APPROACH:
+        if self.phase is not APPROACH:
             return True
         trial.message = self.limits.misplaced(state.position_rad)
         if not trial.message:
-            self._begin_approach(trial.goal, state)
+            self._begin_approach(trial, state)
             return True
         trial.outcome = Outcome.REFUSED
         self.report = trial.report(state.time_ns)
         if self._equilibrium is None:
-            self.phase = Phase.IDLE
+            self.phase = IDLE
         else:
             self._begin_stop(state.time_ns)
         return False
 
-    def _begin_approach(self, goal: TrialGoal, state: ArmState) -> None:
+    def _begin_approach(self, trial: TrialCourse, state: ArmState) -> None:
+        goal = trial.goal
         # Springs stay until another trial brings its own: they brake and hold the arm, too.
         held, self._springs = self._springs, goal.springs or self._configured
         start = state.position_rad
         if self._equilibrium is not None:
             # Other springs go on with the effort that the ones before exert now.
             start = self._springs.equilibrium_for(held, self._equilibrium, start, state.velocity_rad_s)
-        self._approach = Approach(start, goal.equilibrium_rad[0], self._control.approach_speed_rad_s)
-        self._way_back = self.limits.reaching(state.position_rad)
+        trial.approach = Approach(start, goal.equilibrium_rad[0], self._control.approach_speed_rad_s)
+        trial.way_back = self.limits.reaching(state.position_rad)
         if self._first_motion is not None:
-            self._first_motion.begin(state.position_rad)
+            self._first_motion.begin(state.positions)
         self._phase_ns = state.time_ns
 
     def _enter(self, phase: Phase, time_ns: int) -> None:
@@ -340,40 +341,34 @@ class EpController:
     def _advance(self, trial: TrialCourse, state: ArmState) -> None:
         """Go on to the next phase when it is time."""
         in_phase_ns = state.time_ns - self._phase_ns
-        if self.phase != Phase.RUN:
-            self._still = self._rest.at_rest(state.time_ns, state.position_rad)
+        if self.phase is RUN:
+            if in_phase_ns > trial.points.end_ns:
+                self._enter(HOLD, state.time_ns)
+            return
+        self._still = self._rest.at_rest(state.time_ns, state.position_rad)
         if self._still and not self._releasing:
             self._hold.load.keep()
-        if self.phase == Phase.APPROACH and self._approach and in_phase_ns >= self._approach.duration_ns:
-            self._enter(Phase.SETTLE, state.time_ns)
-        elif self.phase == Phase.SETTLE:
+        if self.phase is APPROACH and in_phase_ns >= trial.approach.duration_ns:
+            self._enter(SETTLE, state.time_ns)
+        elif self.phase is SETTLE:
             if self._still:
-                self._enter(Phase.RUN, state.time_ns)
+                self._enter(RUN, state.time_ns)
                 trial.run_ns = state.time_ns
             elif in_phase_ns > self._settle_timeout_ns:
                 self._stop(Outcome.ABORTED, self._restless("at the start posture"))
-        elif self.phase == Phase.RUN and in_phase_ns > trial.points.end_ns:
-            self._enter(Phase.HOLD, state.time_ns)
 
     def _target(self, trial: TrialCourse, state: ArmState) -> Target:
-        if self.phase == Phase.STOP:
+        if self.phase is STOP:
             if self._releasing:
                 return Target.at_rest(state.position_rad)
             if self.safety.response.fault:
                 self._hold.lose(self._springs)
             late = self.safety.is_late(state)
             return Target.at_rest(self._hold.equilibrium(state, self._springs, self._still, late))
-        if self.phase == Phase.RUN:
-            return trial.points.at(state.time_ns - trial.run_ns)
-        if self.phase == Phase.HOLD:
-            return trial.points.last
-        if self.phase == Phase.SETTLE:
-            return trial.points.first
-        assert self._approach is not None
-        return Target.at_rest(self._approach.at(state.time_ns - self._phase_ns))
+        return trial.target(self.phase, state.time_ns - self._phase_ns)
 
     def _stop(self, outcome: Outcome, message: str) -> None:
-        if self.phase in (Phase.STOP, Phase.IDLE):
+        if self.phase in (STOP, IDLE):
             return
         if self._trial is not None and self.active:
             self._trial.outcome, self._trial.message = outcome, message
@@ -382,19 +377,19 @@ class EpController:
     def _begin_stop(self, time_ns: int) -> None:
         self._hold.begin()
         self._equilibrium, self._releasing = None, False
-        self._enter(Phase.STOP, time_ns)
+        self._enter(STOP, time_ns)
 
     def _rested(self, time_ns: int) -> bool:
         """Return whether STOP has brought the arm to rest, or will not."""
         return self._still or time_ns - self._phase_ns > self._settle_timeout_ns
 
     def _finish_if_over(self, time_ns: int) -> None:
-        if self.stopped_for is not None and self._releases and self.phase == Phase.STOP:
+        if self.stopped_for is not None and self._releases and self.phase is STOP:
             self._releasing = self._releasing or self._rested(time_ns)
-        trial, resting = self._trial, self.phase in (Phase.HOLD, Phase.STOP)
+        trial, resting = self._trial, self.phase in (HOLD, STOP)
         if trial is None or not (self.active and resting and self._rested(time_ns)):
             return
-        if self.phase == Phase.HOLD and not self._still:
+        if self.phase is HOLD and not self._still:
             self._stop(Outcome.ABORTED, self._restless("after the movement"))
             return
         if not self._still:

@@ -61,12 +61,12 @@ class HoldingLoad:
 
     def add(self, time_ns: int, effort_nm: FloatArray) -> None:
         """Take in one effort."""
-        step_s, self._last_ns = (time_ns - self._last_ns) / NS_PER_S, time_ns
+        step_ns, self._last_ns = time_ns - self._last_ns, time_ns
         efforts, before = effort_nm.tolist(), self._smooth_nm
-        if before is None or step_s <= 0.0:
+        if before is None or step_ns <= 0:
             self._smooth_nm = efforts
         else:
-            share = -math.expm1(-step_s / self.SMOOTHING_S)
+            share = -math.expm1(-step_ns / NS_PER_S / self.SMOOTHING_S)
             self._smooth_nm = [old + share * (new - old) for old, new in zip(before, efforts, strict=True)]
 
     def keep(self) -> None:

@@ -14,8 +14,8 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.timing import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
-from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
-from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
+from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
+from tel_ros.core.types import NS_PER_S, FloatArray
 
 _WAY_BACK_MARGIN_RAD = 0.02
 _MISPLACED_RAD = 0.05
@@ -58,9 +58,10 @@ class GoalPoints:
         self._point = k
         if k == last:
             return self.last
+        if time_ns == times[k]:
+            y, velocity, acceleration, u = self._rows
+            return Target(y[k], velocity[k], acceleration[k], u[k])
         share = float(time_ns - times[k]) / float(times[k + 1] - times[k])
-        if share == 0.0:
-            return Target(*(row[k] for row in self._rows))
         return Target(*((1.0 - share) * row[k] + share * row[k + 1] for row in self._rows))
 
 
@@ -158,11 +159,10 @@ class Limits:
 
     def violation(self, state: ArmState, desired_rad: FloatArray) -> str | None:
         """Return what is wrong with a measured state in words, or None if it is inside all limits."""
-        positions, velocities = state.position_rad.tolist(), state.velocity_rad_s.tolist()
         far = self.path_tolerance_rad
         # In the control loop: so few numbers are compared faster one by one.
         for (low, high, fastest), q, v, wanted in zip(
-            self._by_joint, positions, velocities, desired_rad.tolist(), strict=True
+            self._by_joint, state.positions, state.velocities, desired_rad.tolist(), strict=True
         ):
             if not (low <= q <= high and -far <= q - wanted <= far and -fastest <= v <= fastest):
                 break
@@ -202,14 +202,19 @@ class TrackingScore:
         self._squares = [0.0] * n_joints
         self._saturated = 0
 
-    def add(self, error_rad: FloatArray, effort_nm: FloatArray, saturated: BoolArray) -> None:
-        """Take in one tick. Shapes (n_joints,)."""
+    def add(self, state: ArmState, tick: Tick) -> None:
+        """Take in one tick."""
         self.ticks += 1
-        for j, (error, effort) in enumerate(zip(error_rad.tolist(), effort_nm.tolist(), strict=True)):
-            self._squares[j] += error * error
-            self._largest_rad[j] = max(self._largest_rad[j], abs(error))
-            self._largest_nm[j] = max(self._largest_nm[j], abs(effort))
-        self._saturated += any(saturated.tolist())
+        squares, farthest, strongest = self._squares, self._largest_rad, self._largest_nm
+        rows = zip(state.positions, tick.desired_position_rad.tolist(), tick.effort_nm.tolist(), strict=True)
+        for j, (q, wanted, effort) in enumerate(rows):
+            error = q - wanted
+            squares[j] += error * error
+            if not -farthest[j] <= error <= farthest[j]:
+                farthest[j] = abs(error)
+            if not -strongest[j] <= effort <= strongest[j]:
+                strongest[j] = abs(effort)
+        self._saturated += any(tick.saturated.tolist())
 
     @property
     def max_error_rad(self) -> float:
@@ -238,6 +243,24 @@ class TrialCourse:
         self.outcome, self.message = Outcome.COMPLETED, ""
         self.ticks = self.start_ns = self.run_ns = 0
         """States that were answered; stamps of the first one, and of the first one in RUN."""
+        self.approach: Approach
+        self.way_back: Limits
+        """Known from APPROACH on: the way to the start posture, and the limits on it."""
+
+    def target(self, phase: Phase, in_phase_ns: int) -> Target:
+        """Return where the arm should be now, in any phase of the trial but STOP."""
+        if phase is Phase.RUN:
+            return self.points.at(in_phase_ns)
+        if phase is Phase.APPROACH:
+            return Target.at_rest(self.approach.at(in_phase_ns))
+        return self.points.first if phase is Phase.SETTLE else self.points.last
+
+    def wanted_rad(self, phase: Phase, target: Target) -> FloatArray:
+        """Return the position of a target without what was learned. Shape (n_joints,)."""
+        if phase is not Phase.APPROACH:
+            return target.position
+        first = self.points.first  # to where the approach leads the learned effort acts as well
+        return target.position - first.equilibrium + first.position
 
     def report(self, end_ns: int, remarks: Sequence[str] = ()) -> TrialReport:
         """Return how the trial went that ends now."""

@@ -48,19 +48,12 @@ class DriveResponse:
     it has given, for so long."""
 
     def __init__(self, joints: Sequence[str], limit_nm: Sequence[float], watched: bool = True) -> None:
-        self._joints = tuple(joints)
-        self._strong = [self.STRONG_SHARE * limit for limit in limit_nm]
-        self._weak = [self.WEAK_SHARE * limit for limit in limit_nm]
-        self._limit_nm, self._watched = limit_nm, watched
-        self._answers = [0] * len(self._joints)
-        self._silent_since_ns: list[int | None] = [None] * len(self._joints)
-        self._silences = [0] * len(self._joints)
-        self._dead: set[int] = set()
-        n = len(self._joints)
-        self._exact, self._most_nm = [0] * n, [0.0] * n
-        self._short_since_ns: list[int | None] = [None] * n
+        self._drives = [_Drive(j, name, limit_nm[j]) for j, name in enumerate(joints)]
+        self._watched = watched
         self._given: dict[int, tuple[float, float]] = {}
         """By joint that is limited: the most that it has given in this trial, and was commanded meanwhile."""
+        self.waits = False
+        """Whether a motor that is known to answer strong commands has not answered the last one."""
         self.fault = ""
         """Which joint does not do what, in words; empty: all is well, as far as can be told."""
 
@@ -80,97 +73,106 @@ class DriveResponse:
         if reported_nm is None:
             self._end_silences()
             return
-        commanded, reported, dead = commanded_nm.tolist(), reported_nm.tolist(), self._dead
-        for j, (wanted, found) in enumerate(zip(commanded, reported, strict=True)):
-            self._compare(j, time_ns, wanted, found)
-            strong = (self._weak if j in dead else self._strong)[j]
-            if self._short_since_ns[j] is not None or -strong < wanted < strong or found != found:
-                self._silent_since_ns[j] = None
-            elif found / wanted >= self.ANSWER_SHARE:
-                self._answer(j)
+        waits = False
+        rows = zip(self._drives, commanded_nm.tolist(), reported_nm.tolist(), strict=True)
+        # In the control loop: a drive that answers is done with after few comparisons.
+        for drive, wanted, found in rows:
+            size, given = abs(wanted), found if wanted > 0.0 else -found
+            if size < drive.weak or found != found:
+                drive.short_since_ns = None
             else:
-                self._stay_silent(j, time_ns, wanted, found)
-
-    @property
-    def waits(self) -> bool:
-        """Whether a motor that is known to answer strong commands has not answered the last one."""
-        return any(since_ns is not None for since_ns in self._silent_since_ns)
+                self._compare(drive, time_ns, size, given)
+            strong = drive.weak if drive.dead else drive.strong
+            if size < strong or found != found or drive.short_since_ns is not None:
+                drive.silent_since_ns = None
+            elif found / wanted >= self.ANSWER_SHARE:
+                drive.silent_since_ns = None
+                drive.answers += 1
+                if drive.dead:
+                    drive.dead = False
+                    if not any(each.dead for each in self._drives):
+                        self.fault = ""
+            else:
+                self._stay_silent(drive, time_ns, wanted, found)
+                waits = waits or drive.silent_since_ns is not None
+        self.waits = waits
 
     def is_overdue(self, time_ns: int) -> bool:
         """Return whether a motor that is known to answer strong commands lets one wait for long."""
-        return any(
-            since_ns is not None and time_ns - since_ns > self.OVERDUE_S * NS_PER_S
-            for since_ns in self._silent_since_ns
-        )
+        since_ns = [each.silent_since_ns for each in self._drives if each.silent_since_ns is not None]
+        return bool(since_ns) and time_ns - min(since_ns) > self.OVERDUE_S * NS_PER_S
 
     def forgive(self) -> None:
         """Try again what was found dead."""
-        self._dead.clear()
+        for drive in self._drives:
+            drive.dead = False
         self._given.clear()
         self._end_silences()
         self.fault = ""
 
     def lacking(self, permitted: Permitted) -> BoolArray:
         """Return where an effort will not act as it is wanted: changed, or beyond what the drive gives."""
-        if not self._given:
-            return permitted.changed
-        lacks = permitted.changed.copy()
+        lacks = permitted.changed
         for j, (given_nm, _) in self._given.items():
+            lacks = lacks.copy()
             lacks[j] |= abs(permitted.effort_nm[j]) > given_nm / self.PLATEAU_SHARE
         return lacks
 
     @property
     def shortfalls(self) -> list[str]:
         """What limited drives have given in this trial, in words."""
-        return [shortfall(self._joints[j], *most_nm) for j, most_nm in self._given.items()]
+        return [shortfall(self._drives[j].joint, *most_nm) for j, most_nm in self._given.items()]
 
-    def _compare(self, j: int, time_ns: int, wanted_nm: float, found_nm: float) -> None:
+    def _compare(self, drive: _Drive, time_ns: int, size: float, given: float) -> None:
         """Notice a drive that gives no more than so much."""
-        size, given = abs(wanted_nm), found_nm if wanted_nm > 0.0 else -found_nm
-        if size < self._weak[j] or found_nm != found_nm:
-            self._short_since_ns[j] = None
-            return
-        most, known = self._most_nm[j], self._exact[j] >= self.ANSWERS_TO_BE_KNOWN
-        if abs(size - given) <= self.EXACT_SHARE * size + self.EXACT_OF_LIMIT * self._limit_nm[j]:
-            self._exact[j] += 1
-            self._most_nm[j] = max(most, given)
+        most, known = drive.most, drive.exact >= self.ANSWERS_TO_BE_KNOWN
+        if abs(size - given) <= self.EXACT_SHARE * size + self.EXACT_OF_LIMIT * drive.limit:
+            drive.exact += 1
+            if given > most:
+                drive.most = given
         elif not known:
-            self._exact[j] = 0
+            drive.exact = 0
         if not known or given >= self.SHORT_SHARE * size or not self.PLATEAU_SHARE * most <= given:
-            self._short_since_ns[j] = None
+            drive.short_since_ns = None
             return
-        self._most_nm[j] = max(most, given)
-        since_ns = self._short_since_ns[j]
+        drive.most = max(most, given)
+        since_ns = drive.short_since_ns
         if since_ns is None or since_ns > time_ns:
-            self._short_since_ns[j] = time_ns
+            drive.short_since_ns = time_ns
         elif time_ns - since_ns > self.SHORT_S * NS_PER_S:
-            before = self._given.get(j, (0.0, 0.0))
-            self._given[j] = max(before[0], given), max(before[1], size)
+            before = self._given.get(drive.j, (0.0, 0.0))
+            self._given[drive.j] = max(before[0], given), max(before[1], size)
 
     def _end_silences(self) -> None:
-        self._silent_since_ns = [None] * len(self._joints)
+        self.waits = False
+        for drive in self._drives:
+            drive.silent_since_ns = None
 
-    def _answer(self, j: int) -> None:
-        self._silent_since_ns[j] = None
-        self._answers[j] += 1
-        if self._dead:
-            self._dead.discard(j)
-            if not self._dead:
-                self.fault = ""
-
-    def _stay_silent(self, j: int, time_ns: int, wanted_nm: float, found_nm: float) -> None:
-        if self._answers[j] < self.ANSWERS_TO_BE_KNOWN:
-            self._answers[j] = 0
+    def _stay_silent(self, drive: _Drive, time_ns: int, wanted: float, found: float) -> None:
+        if drive.answers < self.ANSWERS_TO_BE_KNOWN:
+            drive.answers = 0
             return
-        since_ns = self._silent_since_ns[j]
+        since_ns = drive.silent_since_ns
         if since_ns is None or since_ns > time_ns:
-            self._silent_since_ns[j], self._silences[j] = time_ns, 1
+            drive.silent_since_ns, drive.silences = time_ns, 1
             return
-        self._silences[j] += 1
-        waited = time_ns - since_ns > self.PATIENCE_S * NS_PER_S and self._silences[j] >= self.SILENT_STATES
-        if waited and j not in self._dead:
-            self._dead.add(j)
+        drive.silences += 1
+        waited = time_ns - since_ns > self.PATIENCE_S * NS_PER_S and drive.silences >= self.SILENT_STATES
+        if waited and not drive.dead:
+            drive.dead = True
             self.fault = (
-                f"the drive of {self._joints[j]} does not exert what it is commanded: it reports "
-                f"{found_nm:.2f} of {wanted_nm:.2f} N·m, for more than {self.PATIENCE_S} s"
+                f"the drive of {drive.joint} does not exert what it is commanded: it reports "
+                f"{found:.2f} of {wanted:.2f} N·m, for more than {self.PATIENCE_S} s"
             )
+
+
+class _Drive:
+    """What :class:`DriveResponse` knows of the drive of one joint; efforts in N·m."""
+
+    def __init__(self, j: int, joint: str, limit: float) -> None:
+        self.j, self.joint, self.limit = j, joint, limit
+        self.strong, self.weak = DriveResponse.STRONG_SHARE * limit, DriveResponse.WEAK_SHARE * limit
+        self.answers = self.silences = self.exact = 0
+        self.silent_since_ns: int | None = None
+        self.short_since_ns: int | None = None
+        self.dead, self.most = False, 0.0

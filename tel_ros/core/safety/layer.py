@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class SafetyLayer:
         self._quiet = QuietZone([no_gap, *(rule.quiet() for rule in self.rules)], self._n_joints)
         self.response = DriveResponse.of(arm, safety)
         """Whether the motors exert what is permitted."""
-        self.readings = FrozenReadings.of(arm, safety)
+        self.readings = FrozenReadings(arm, safety)
         """Whether the readings can be true; otherwise nothing is permitted."""
         self._last_ns: int | None = None
         self.last_nm = np.zeros(self._n_joints)
@@ -81,11 +81,13 @@ class SafetyLayer:
         """What an arm that takes efforts is to get."""
         return self.last_nm
 
-    def permit(self, state: ArmState, wanted_nm: FloatArray, pull_nm: FloatArray | None = None) -> Permitted:
+    def permit(
+        self, state: ArmState, wanted_nm: FloatArray, pull_nm: Callable[[int], float] | None = None
+    ) -> Permitted:
         """Return the effort that may be commanded in answer to a state.
 
-        ``pull_nm`` is how hard the springs alone pull towards the wanted position, if one is wanted: see
-        :class:`~tel_ros.core.safety.monitors.FrozenReadings`.
+        ``pull_nm`` tells how hard a joint's spring alone pulls towards the wanted position, if one is wanted:
+        see :class:`~tel_ros.core.safety.monitors.FrozenReadings`.
 
         After a gap, or stamps that went back, nobody knows what has acted on the arm; and while a motor does
         not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
@@ -102,7 +104,13 @@ class SafetyLayer:
         self.readings.look(state, acted_nm, pull_nm, LONGEST_GAP_S)
         if self.readings.fault:
             return self.none()
-        if self._is_quiet(state, wanted_nm):
+        # In most ticks the last effort, the motors and the walls are as usual, and no rule will object.
+        if (
+            self._last_ns is not None
+            and wanted_nm.shape == self.last_nm.shape
+            and not (self.response.fault or self.soft_limits.lead)
+            and self._quiet.has(state, wanted_nm, self.last_nm, state.time_ns - self._last_ns)
+        ):
             self._last_ns, self.last_nm = state.time_ns, wanted_nm
             return Permitted(wanted_nm, self._nothing_changed)
         self._require_finite(wanted_nm)
@@ -150,16 +158,6 @@ class SafetyLayer:
     def _last(self, time_ns: int) -> LastEffort:
         since_s = self._period_s if self._last_ns is None else (time_ns - self._last_ns) / NS_PER_S
         return LastEffort(self.last_nm, since_s)
-
-    def _is_quiet(self, state: ArmState, wanted_nm: FloatArray) -> bool:
-        """Return whether the last effort, the motors and the walls are as usual, and no rule will object."""
-        last_ns = self._last_ns
-        return (
-            last_ns is not None
-            and wanted_nm.shape == self.last_nm.shape
-            and not (self.response.fault or self.soft_limits.lead)
-            and self._quiet.has(state, wanted_nm, self.last_nm, state.time_ns - last_ns)
-        )
 
     def _require_finite(self, effort_nm: FloatArray) -> None:
         if effort_nm.shape != (self._n_joints,) or not np.isfinite(effort_nm).all():

@@ -6,9 +6,8 @@ Unlike the rules they narrow nothing as long as they find nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
@@ -16,60 +15,46 @@ from tel_ros.core.safety.motion_rules import largest_inertia, soft_range
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 
+@dataclass(slots=True)
 class FrozenJoint:
-    """How long the readings of one joint have been the same to the last bit, and what that hides."""
+    """How long the readings of one joint have been the same to the last bit, and what that hides.
 
-    __slots__ = (
-        *(
-            "direction",
-            "effort_nm",
-            "jitter",
-            "moved_rad",
-            "own_speed",
-            "position",
-            "position_at",
-            "position_ns",
-        ),
-        *("pull_nm", "pulled_s", "step_rad", "stood_for", "told_for", "velocity", "velocity_ns", "changes"),
-    )
+    Most of it is noted when they begin to stay the same: a joint in motion has to cost the loop little.
+    """
 
-    def __init__(self, time_ns: int, q: float, v: float, effort_nm: float) -> None:
-        self.position = self.position_at = q
-        self.velocity = v
-        self.position_ns = self.velocity_ns = time_ns
-        self.stood_for = self.told_for = 0
-        """States in which position and velocity have been the same."""
-        self.moved_rad = self.jitter = self.own_speed = 0.0
-        """The velocity's integral over that time, and its noise; speed of the position before."""
-        self.step_rad, self.changes = 0.0, 0
-        """Smallest change of the position so far: its resolution; how often the velocity has changed, -1 once
-        it has stayed the same while the joint moved: then it is coarse."""
-        self.effort_nm, self.direction, self.pulled_s = effort_nm, 0, 0.0
-        """What acted when the position stood still; where it had gone to, 0: it has not moved; for how long
-        the effort has been far from that."""
-        self.pull_nm: float | None = None
-        """How hard the spring alone pulled then towards the wanted position."""
+    position: float
+    velocity: float
+    was_at: float
+    """Another position before."""
+    stood_for: int = 0
+    told_for: int = 0
+    """States in which position and velocity have been the same."""
+    own_speed: float = 0.0
+    """Of the position."""
+    step_rad: float = math.inf
+    """Smallest change of the position so far: its resolution."""
+    changes: int = 0
+    """How often the velocity has changed; -1 once it has stayed the same while the joint moved: coarse."""
+    position_ns: int = 0
+    velocity_ns: int = 0
+    position_at: float = 0.0
+    """Since when both have been the same; where the joint was when the velocity began to be."""
+    moved_rad: float = 0.0
+    jitter: float = 0.0
+    pulled_s: float = 0.0
+    """Since then: the velocity's integral, its noise; how long the effort has been far from what it was."""
+    effort_nm: float = 0.0
+    pull_nm: float | None = None
+    """When it had stood for a few states: what acted, and how hard the spring alone pulled elsewhere."""
 
-    def take(self, time_ns: int, step_s: float, q: float, v: float, effort_nm: float) -> None:
-        """Take in a reading."""
-        before = self.velocity
-        if v != before:
-            coarse = self.told_for and self.position != self.position_at
-            self.changes = -1 if coarse or self.changes < 0 else self.changes + 1
-            self.velocity, self.velocity_ns, self.told_for, self.position_at = v, time_ns, 0, q
-        else:
-            self.told_for += 1
-        if q == self.position:
-            self.stood_for += 1
-            self.moved_rad += v * step_s
-            self.jitter += (step_s * (v - before)) ** 2
-            return
-        change, since_s = abs(q - self.position), (time_ns - self.position_ns) / NS_PER_S
-        self.direction = 1 if q > self.position else -1
-        self.step_rad = min(change, self.step_rad or change)
-        self.own_speed += min(1.0, since_s / FrozenReadings.MEMORY_S) * (change / since_s - self.own_speed)
-        self.position, self.position_ns, self.stood_for, self.pulled_s = q, time_ns, 0, 0.0
-        self.moved_rad = self.jitter = 0.0
+    def stand(self, since_ns: int, step_s: float, v: float, before: float) -> None:
+        """Take in that the position, but perhaps not the velocity, is the same as at a time before."""
+        if not self.stood_for:
+            self.position_ns = since_ns
+            self.moved_rad = self.jitter = self.pulled_s = 0.0
+        self.stood_for += 1
+        self.moved_rad += v * step_s
+        self.jitter += (step_s * (v - before)) ** 2
 
 
 class FrozenReadings:
@@ -112,91 +97,111 @@ class FrozenReadings:
     """For how long an effort has to pull, longer than noise; how far it should have moved a joint, in steps
     of its encoder, or of one with 16 bits until a step has been seen."""
 
-    def __init__(
-        self,
-        joints: Sequence[str],
-        stiction_nm: Sequence[float],
-        little_nm: Sequence[float],
-        inertia_kgm2: Sequence[float],
-        soft_range_rad: tuple[FloatArray, FloatArray],
-    ) -> None:
-        self._joints, self._inertia_kgm2 = tuple(joints), inertia_kgm2
-        self._stiction_nm, self._little_nm, self._soft_range = stiction_nm, little_nm, soft_range_rad
+    def __init__(self, arm: ArmConfig, safety: SafetyConfig) -> None:
+        limits = arm.effort_limit_nm
+        self._joints, self._inertia_kgm2 = arm.joints, largest_inertia(arm).tolist()
+        self._low_rad, self._high_rad = (ends.tolist() for ends in soft_range(arm, safety))
+        self._little_nm = tuple(self.LITTLE_SHARE * limit for limit in limits)
+        self._stiction_nm = safety.stiction_nm or tuple(self.STICTION_SHARE * limit for limit in limits)
+        if arm.command_interface == "position":
+            self._little_nm = self._stiction_nm = (math.inf,) * len(limits)
         self._seen: list[FrozenJoint] = []
-        self._last_ns, self._step_s = 0, 0.0
+        self._last_ns = 0
         self.fault = ""
         """Which readings contradict each other, in words; empty: none do."""
 
-    @classmethod
-    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> FrozenReadings:
-        """Return it for a configured arm."""
-        limits, judged = arm.effort_limit_nm, arm.command_interface == "effort"
-        stiction = safety.stiction_nm or [cls.STICTION_SHARE * limit for limit in limits]
-        little = [cls.LITTLE_SHARE * limit for limit in limits]
-        never = [float("inf")] * len(limits)
-        stuck = (stiction, little) if judged else (never, never)
-        return cls(arm.joints, *stuck, largest_inertia(arm).tolist(), soft_range(arm, safety))
-
     def look(
-        self, state: ArmState, acted_nm: FloatArray, pull_nm: FloatArray | None, longest_gap_s: float
+        self,
+        state: ArmState,
+        acted_nm: FloatArray,
+        pull_nm: Callable[[int], float] | None,
+        longest_gap_s: float,
     ) -> None:
-        """Take in a state, the effort that acted until then, and the springs' pull to the wanted position.
+        """Take in a state and the effort that acted until then, shape (n_joints,).
 
-        Shapes (n_joints,); no pull: no position is wanted.
+        ``pull_nm`` tells how hard a joint's spring pulls to the wanted position; None: none is wanted.
         """
-        step_s = (state.time_ns - self._last_ns) / NS_PER_S
-        self._last_ns, self._step_s, self.fault = state.time_ns, step_s, ""
-        rows = zip(state.position_rad.tolist(), state.velocity_rad_s.tolist(), acted_nm.tolist(), strict=True)
+        last_ns, self._last_ns, self.fault = self._last_ns, state.time_ns, ""
+        step_s = (state.time_ns - last_ns) / NS_PER_S
         if not (self._seen and 0.0 < step_s <= longest_gap_s):
-            self._seen = [FrozenJoint(state.time_ns, *row) for row in rows]
+            self._seen = list(map(FrozenJoint, state.positions, state.velocities, state.positions))
             return
-        for j, (joint, row) in enumerate(zip(self._seen, rows, strict=True)):
-            joint.take(state.time_ns, step_s, *row)
-            if joint.stood_for < self.STATES or joint.pull_nm is None:
-                joint.pull_nm, joint.effort_nm = None if pull_nm is None else float(pull_nm[j]), row[2]
-            if max(joint.stood_for, joint.told_for) >= self.STATES and not self.fault:
-                pulled_nm = 0.0 if pull_nm is None else float(pull_nm[j]) - (joint.pull_nm or 0.0)
-                found = self._found(j, joint, state, row[2], pulled_nm)
+        enough = self.STATES
+        # In the control loop: a joint that moves is done with after few comparisons.
+        for j, (joint, q, v) in enumerate(zip(self._seen, state.positions, state.velocities, strict=True)):
+            before = joint.velocity
+            if v != before:
+                if joint.told_for and joint.position != joint.position_at:
+                    joint.changes = -1
+                elif joint.changes >= 0:
+                    joint.changes += 1
+                joint.velocity, joint.told_for = v, 0
+            else:
+                if not joint.told_for:
+                    joint.velocity_ns, joint.position_at = last_ns, joint.position
+                joint.told_for += 1
+            if q == joint.position:
+                joint.stand(last_ns, step_s, v, before)
+                if joint.stood_for == enough - 1 or (joint.stood_for >= enough and joint.pull_nm is None):
+                    joint.pull_nm = None if pull_nm is None else pull_nm(j)
+                    joint.effort_nm = float(acted_nm[j])
+            else:
+                change = abs(q - joint.position)
+                if change < joint.step_rad:
+                    joint.step_rad = change
+                if state.estimated:
+                    since_s = (state.time_ns - joint.position_ns) / NS_PER_S if joint.stood_for else step_s
+                    share = min(1.0, since_s / self.MEMORY_S)
+                    joint.own_speed += share * (change / since_s - joint.own_speed)
+                joint.was_at, joint.position, joint.stood_for = joint.position, q, 0
+            if (joint.stood_for >= enough or joint.told_for >= enough) and not self.fault:
+                found = self._found(j, joint, state, step_s, acted_nm, pull_nm)
                 self.fault = f"the readings of {self._joints[j]} are frozen: {found}" if found else ""
 
-    def _found(self, j: int, joint: FrozenJoint, state: ArmState, acted_nm: float, pulled_nm: float) -> str:
-        v, least_rad = joint.velocity, max(self.LEAST_RAD, self.STEPS * joint.step_rad)
-        stood_s = (state.time_ns - joint.position_ns) / NS_PER_S
-        told_s = (state.time_ns - joint.velocity_ns) / NS_PER_S
+    def _found(
+        self,
+        j: int,
+        joint: FrozenJoint,
+        state: ArmState,
+        step_s: float,
+        acted_nm: FloatArray,
+        pull_nm: Callable[[int], float] | None,
+    ) -> str:
+        v, told_for = joint.velocity, joint.told_for
+        step_rad = 0.0 if joint.step_rad == math.inf else joint.step_rad
+        least_rad = max(self.LEAST_RAD, self.STEPS * step_rad)
+        told_s = (state.time_ns - joint.velocity_ns) / NS_PER_S if told_for else 0.0
+        told_long = told_for >= self.STATES and told_s >= self.PATIENCE_S
+        stood_s = (state.time_ns - joint.position_ns) / NS_PER_S if joint.stood_for else 0.0
         if joint.stood_for >= self.STATES and stood_s >= self.PATIENCE_S:
             stays = f"it stays at {joint.position:.3f} rad for {stood_s:.3f} s, "
             moved, noise = abs(joint.moved_rad), 0.5 * self.SIGMAS**2 * joint.jitter
             if moved > max(least_rad, self.REST_RAD_S * stood_s) and moved**2 > noise:
                 return f"{stays}and is said to move at {v:.2f} rad/s"
-            told_too = joint.told_for >= self.STATES and told_s >= self.PATIENCE_S
-            change_nm = acted_nm - joint.effort_nm
-            hint = ""
-            if self._cannot_stick(joint, told_too, state.estimated):
+            change_nm, hint = float(acted_nm[j]) - joint.effort_nm, ""
+            pulled_nm = 0.0 if pull_nm is None else pull_nm(j) - (joint.pull_nm or 0.0)
+            # A joint that stopped between two states does not stick.
+            dead = self.PATIENCE_S * joint.own_speed > max(self.LEAST_RAD, self.DEAD_STEPS * step_rad)
+            if (told_long and abs(v) > self.MOVES_RAD_S) or (state.estimated and dead):
                 stuck_nm = self._little_nm[j]
             else:
                 hint = " (or it sticks: then safety.stiction_nm has to be more)"
-                stuck_nm = self._stiction_nm[j] * (2.0 if joint.direction * change_nm < 0.0 else 1.0)
+                came = joint.position - joint.was_at
+                stuck_nm = self._stiction_nm[j] * (2.0 if came * change_nm < 0.0 else 1.0)
                 pulled_nm = pulled_nm if pulled_nm * change_nm > 0.0 else 0.0
             pulls = min(abs(change_nm), abs(pulled_nm)) > stuck_nm
-            joint.pulled_s = joint.pulled_s + self._step_s if pulls else 0.0
+            joint.pulled_s = joint.pulled_s + step_s if pulls else 0.0
             way_rad = 0.5 * abs(change_nm) / self._inertia_kgm2[j] * joint.pulled_s**2
-            low_rad, high_rad = self._soft_range[0][j], self._soft_range[1][j]
-            free = low_rad <= joint.position <= high_rad and joint.pulled_s > self.PULLED_S
-            if free and way_rad > self.PULLED_STEPS * (joint.step_rad or self.USUAL_STEP_RAD):
+            free = self._low_rad[j] <= joint.position <= self._high_rad[j] and joint.pulled_s > self.PULLED_S
+            if free and way_rad > self.PULLED_STEPS * (step_rad or self.USUAL_STEP_RAD):
                 return f"{stays}while its effort has changed by {abs(change_nm):.2f} N·m{hint}"
-        elif joint.told_for >= self.STATES and told_s >= self.PATIENCE_S:
-            moved = state.position_rad[j] - joint.position_at
+        elif told_long:
+            moved = state.positions[j] - joint.position_at
             other = abs(moved - v * told_s) > max(2.0 * least_rad, self.OTHER_SPEED_RAD_S * told_s)
             exact = joint.changes >= self.FINE_CHANGES and told_s > 1.5 * self.PATIENCE_S
             if other or (exact and abs(moved) > least_rad):
                 return f"its velocity stays at {v:.2f} rad/s while it moves {moved:.3f} rad in {told_s:.3f} s"
         return ""
-
-    def _cannot_stick(self, joint: FrozenJoint, told_too: bool, estimated: bool) -> bool:
-        """Return whether a joint that stands still is said to move, or has stopped dead."""
-        stopped_rad = self.PATIENCE_S * joint.own_speed
-        dead = stopped_rad > max(self.LEAST_RAD, self.DEAD_STEPS * joint.step_rad)
-        return (told_too and abs(joint.velocity) > self.MOVES_RAD_S) or (estimated and dead)
 
 
 class FirstMotion:
@@ -219,44 +224,45 @@ class FirstMotion:
     def __init__(self, joints: Sequence[str], limit_nm: FloatArray) -> None:
         self._joints = tuple(joints)
         self._strong: list[float] = (self.STRONG_SHARE * limit_nm).tolist()
-        self.begin(np.zeros(len(joints)))
+        self.begin([0.0] * len(joints))
 
-    def begin(self, position_rad: FloatArray) -> None:
-        """Begin from where the arm is; shape (n_joints,)."""
-        n = len(self._joints)
-        self._low, self._high = position_rad.tolist(), position_rad.tolist()
-        self._times: list[list[float]] = [[] for _ in range(n)]
-        self._swings: list[list[float]] = [[] for _ in range(n)]
-        self._turned_at, self._before = list(self._low), list(self._low)
-        self._step_rad = [math.inf] * n
-        self._away, self._upward, self._last_s = [0.0] * n, [False] * n, 0.0
+    def begin(self, positions: Sequence[float]) -> None:
+        """Begin from where the joints are."""
+        self._watched = [_WatchedJoint(q, q, q, q) for q in positions]
+        self._last_s = 0.0
 
     def look(self, state: ArmState, equilibrium_rad: FloatArray, effort_nm: FloatArray) -> str:
         """Take in a tick; return what is wrong in words, or nothing. Shapes (n_joints,)."""
-        now_s, found = state.time_ns / NS_PER_S, ""
-        rows = zip(state.position_rad.tolist(), equilibrium_rad.tolist(), effort_nm.tolist(), strict=True)
-        for j, (q, u, effort) in enumerate(rows):
-            self._low[j], self._high[j] = min(self._low[j], u), max(self._high[j], u)
-            away = max(self._low[j] - q, q - self._high[j])
-            if self._runs_away(j, away, now_s):
+        now_s, found, near, strongs = state.time_ns / NS_PER_S, "", 0.5 * self.FIRST_RAD, self._strong
+        rows = zip(self._watched, state.positions, equilibrium_rad.tolist(), effort_nm.tolist(), strict=True)
+        # In the control loop: a joint that does what it should is done with after few comparisons.
+        for j, (joint, q, u, effort) in enumerate(rows):
+            if u < joint.low:
+                joint.low = u
+            elif u > joint.high:
+                joint.high = u
+            below, above, change = joint.low - q, q - joint.high, abs(q - joint.before)
+            away = below if below > above else above
+            if 0.0 < change < joint.step_rad:
+                joint.step_rad = change
+            if (away >= near or joint.times) and self._runs_away(joint, away, now_s):
                 found = (
                     f"{self._joints[j]} moves away from where it is pulled, faster and faster "
                     f"({away:.3f} rad so far): a sign, a unit or the order of the joints is wrong"
                 )
-            elif self._swings_about(j, q, effort, now_s):
+            elif not -strongs[j] < effort < strongs[j] and self._swings_about(joint, q, effort > 0.0, now_s):
                 found = (
                     f"the effort of {self._joints[j]} swings from side to side: it moves faster than it can "
                     "have been pulled (a unit that is wrong, or too much damping for so light a joint)"
                 )
-            self._away[j] = away
+            joint.away, joint.before = away, q
         self._last_s = now_s
         return found
 
-    def _runs_away(self, j: int, away: float, now_s: float) -> bool:
-        times, before = self._times[j], self._away[j]
+    def _runs_away(self, joint: _WatchedJoint, away: float, now_s: float) -> bool:
+        times, before = joint.times, joint.away
         if away < 0.5 * self.FIRST_RAD:
-            if times:
-                times.clear()
+            times.clear()
             return False
         while away >= (mark := self.FIRST_RAD * 2.0 ** len(times)):
             share = (mark - before) / (away - before) if away > before else 1.0
@@ -265,15 +271,26 @@ class FirstMotion:
                 return True
         return False
 
-    def _swings_about(self, j: int, q: float, effort: float, now_s: float) -> bool:
-        swings, change, self._before[j] = self._swings[j], abs(q - self._before[j]), q
-        if change:
-            self._step_rad[j] = min(self._step_rad[j], change)
-        if abs(effort) < self._strong[j]:
-            return False
+    def _swings_about(self, joint: _WatchedJoint, q: float, upward: bool, now_s: float) -> bool:
+        swings = joint.swings
         # A swing of a step or two is that of the encoder.
-        moved = abs(q - self._turned_at[j]) > self.SWING_STEPS * self._step_rad[j]
-        if moved and (effort > 0.0) != self._upward[j]:
+        if upward != joint.upward and abs(q - joint.turned_at) > self.SWING_STEPS * joint.step_rad:
             swings.append(now_s)
-            self._upward[j], self._turned_at[j] = effort > 0.0, q
+            joint.upward, joint.turned_at = upward, q
         return len(swings) > self.SWINGS and now_s - swings[-1 - self.SWINGS] <= self.SWINGS_S
+
+
+@dataclass(slots=True)
+class _WatchedJoint:
+    """What :class:`FirstMotion` knows of a joint."""
+
+    low: float
+    high: float
+    """Between which points it has been pulled to."""
+    before: float
+    turned_at: float
+    away: float = 0.0
+    upward: bool = False
+    step_rad: float = math.inf
+    times: list[float] = field(default_factory=list)
+    swings: list[float] = field(default_factory=list)

@@ -147,8 +147,8 @@ class QuietZone:
         # In the control loop: so few numbers are compared faster one by one than as arrays.
         for (low, high, fastest, most, step, k, most_damped), q, v, wanted, last in zip(
             self._by_joint,
-            state.position_rad.tolist(),
-            state.velocity_rad_s.tolist(),
+            state.positions,
+            state.velocities,
             wanted_nm.tolist(),
             last_nm.tolist(),
             strict=True,

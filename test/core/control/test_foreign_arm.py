@@ -137,7 +137,7 @@ def test_a_joint_that_leans_on_its_stop_is_not_frozen(position_rad: float, is_fr
     for k in range(200):
         where = ArmState(2_000_000 * (k + 1), np.array([position_rad, 0.0]), np.zeros(2))
         pull_nm = np.array([-0.05 * k * np.sign(position_rad), 0.0])
-        layer.permit(where, pull_nm, pull_nm)
+        layer.permit(where, pull_nm, pull_nm.item)
         if layer.readings.fault:
             break
     assert bool(layer.readings.fault) == is_frozen
@@ -147,7 +147,7 @@ def test_a_joint_that_learned_efforts_hold_still_while_others_pull_at_it_is_not_
     layer = SafetyLayer(arm_config(), SafetyConfig(), 500.0)
     for k in range(500):
         where = ArmState(2_000_000 * (k + 1), np.array([0.1, 0.0]), np.zeros(2))
-        layer.permit(where, np.array([0.03 * k, 0.0]), np.array([0.2, 0.0]))
+        layer.permit(where, np.array([0.03 * k, 0.0]), [0.2, 0.0].__getitem__)
         assert not layer.readings.fault
 
 

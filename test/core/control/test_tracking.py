@@ -10,7 +10,7 @@ from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.tracking import Limits, TrackingScore
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
-from tel_ros.core.trial import TrialGoal
+from tel_ros.core.trial import Phase, Tick, TrialGoal
 
 LIMITS = Limits.of(
     arm_config(position_min_rad=(-1.0, 0.0), position_max_rad=(1.5, 2.0), velocity_limit_rad_s=(2.0, 3.0)),
@@ -127,8 +127,9 @@ def test_the_score_is_that_of_all_ticks_together() -> None:
     errors, efforts = rng.normal(size=(50, 3)), rng.normal(size=(50, 3))
     saturated = rng.random((50, 3)) < 0.1
     score = TrackingScore(3)
-    for row in zip(errors, efforts, saturated, strict=True):
-        score.add(*row)
+    zero = np.zeros(3)
+    for error, effort, clipped in zip(errors, efforts, saturated, strict=True):
+        score.add(ArmState(0, error, zero), Tick(Phase.RUN, 0.0, zero, zero, zero, zero, effort, clipped))
     assert score.ticks == 50
     found = score.figures()
     # Sums in another order: rounding.
