@@ -11,8 +11,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import psutil
 from tel_ros.app.errors import EXIT_BAD_INPUT, EXIT_GRAPH_FAILED, GraphError, Interrupted, Interruption
 from tel_ros.core.config import Config
 from tel_ros.local_stop import BRAKE_SIGNAL, ENDED
+from tel_ros.nodes.preloaded import PRELOADED, order
 
 MODULES = {
     "sim_bridge": "sim_bridge.node",
@@ -51,12 +53,41 @@ def require_simulator() -> None:
         raise ModuleNotFoundError("the simulated arm needs it", name="pybullet")
 
 
+@contextmanager
+def preloading(names: Sequence[str]) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """Have the processes of nodes import what they need, for :class:`NodeProcesses` to start them later.
+
+    Those that nobody has taken by the end are killed: they have not begun to do anything.
+    """
+    processes = dict[str, "subprocess.Popen[bytes]"]()
+    try:
+        for name in names:
+            processes[name] = _preload(name)
+        yield processes
+    finally:
+        for process in processes.values():
+            process.kill()
+            process.communicate()
+
+
+def _preload(name: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", MODULES[name], PRELOADED],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C reaches the supervisor only, which ends the nodes in order
+        preexec_fn=partial(die_with_parent, os.getpid()),
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+
+
 class NodeProcesses:
     """The processes of the graph, by names of :data:`MODULES`; use it with ``with``.
 
     They get SIGTERM from the kernel if this process dies, so that none outlives its supervisor. The
     controller hears of Ctrl-C at once, from a thread that the signal wakes up. ``resume``: whether to go on
-    with the run in whose folder the configuration lies.
+    with the run in whose folder the configuration lies. ``waiting``:
+    processes from :func:`preloading`; those that are started are taken out.
     """
 
     def __init__(
@@ -67,7 +98,9 @@ class NodeProcesses:
         *,
         resume: bool = False,
         namespace: str = "/",
+        waiting: dict[str, subprocess.Popen[bytes]] | None = None,
     ) -> None:
+        self._waiting = {} if waiting is None else waiting
         self._config_file, self._names, self._log_folder = config_file, names, log_folder
         # Whoever starts the nodes makes the report by themselves. A node's log has what rcl would write
         # into a file of its own, in a folder that need not be there.
@@ -159,17 +192,13 @@ class NodeProcesses:
     def _start(self, name: str) -> subprocess.Popen[bytes]:
         # rcl reads parameter values as YAML; a JSON string is one, whatever the file is called.
         parameter = f"config:={json.dumps(str(self._config_file))}"
-        command = [sys.executable, "-m", MODULES[name], "--ros-args", "-p", parameter, *self._more]
-        with (self._log_folder / f"{name}.log").open("wb") as log:
-            return subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C reaches the supervisor only, which ends the nodes in order
-                preexec_fn=die_with_parent,
-                env={**os.environ, "PYTHONUNBUFFERED": "1"},
-            )
+        arguments, log = ["--ros-args", "-p", parameter, *self._more], self._log_folder / f"{name}.log"
+        log.write_bytes(b"")
+        process = self._waiting.pop(name, None) or _preload(name)
+        assert process.stdin is not None
+        with suppress(BrokenPipeError), process.stdin as told:  # broken: it has ended, as check() will find
+            told.write(order(arguments, log.absolute()))
+        return process
 
     def _last_words(self, name: str) -> str:
         time.sleep(0.1)
@@ -178,9 +207,11 @@ class NodeProcesses:
         return f"; it said last: {lines[-1]} (log: {log})" if lines else f" (log: {log})"
 
 
-def die_with_parent() -> None:
+def die_with_parent(parent: int) -> None:
     """Have the kernel send SIGTERM to this process when its parent dies; for ``preexec_fn``."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it has died before
+        os._exit(1)
 
 
 def end_process(

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 from rclpy.action import ActionClient
@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tel_interfaces.action import Practice
 
-from tel_ros.app.bring_up import NodeProcesses, node_names, require_simulator
+from tel_ros.app.bring_up import NodeProcesses, node_names, preloading, require_simulator
 from tel_ros.app.errors import GraphError, Interruption
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.tracking import Limits
@@ -30,10 +30,13 @@ from tel_ros.core.trial import TrialGoal
 from tel_ros.nodes.runner import start_ros
 from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording import topics
-from tel_ros.recording.network_file import new_network
-from tel_ros.recording.resumption import Resumption, prepare_to_resume, resumed_config
 from tel_ros.recording.run_folder import CONFIG_FILE, LOG_FOLDER, create_run_folder, run_lock
 from tel_ros.recording.waypoint_file import load_known_path, load_path
+
+if TYPE_CHECKING:
+    from subprocess import Popen
+
+    from tel_ros.recording.resumption import Resumption
 
 DISCOVERY_S = 1.5
 START_TIMEOUT_S = 30.0
@@ -58,6 +61,8 @@ def check_before_moving(config: Config) -> None:
         InputFileError: the file of waypoints is missing or malformed.
         ModuleNotFoundError: PyBullet is missing, which the simulated arm needs.
     """
+    from tel_ros.recording.network_file import new_network  # late: learners take long to import
+
     if config.run.arm == "sim":
         require_simulator()
     new_network(config)
@@ -96,10 +101,10 @@ def practise(
         GraphError: a graph is running already, a node died or did not come up; the graph is down.
         Interrupted: by a signal, after the graph was taken down; says what was seen of the arm.
     """
-    with _client_node(config, namespace) as node:
+    with _client_node(config, namespace) as (node, waiting):
         create_run_folder(folder, config)
         with run_lock(folder):
-            return _run(node, config, folder, on_feedback, beside, resume=False)
+            return _run(node, config, folder, on_feedback, beside, waiting, resume=False)
 
 
 def resume(
@@ -116,16 +121,21 @@ def resume(
     Raises:
         As for :func:`practise`; and InputFileError also if the run is finished.
     """
+    from tel_ros.recording.resumption import prepare_to_resume, resumed_config
+
     config = resumed_config(folder)
     # The nodes of the run may still be on their way to bring the arm to rest.
-    with run_lock(folder), _client_node(config, namespace) as node:
+    with run_lock(folder), _client_node(config, namespace) as (node, waiting):
         on_prepared(prepare_to_resume(folder, config))
-        return _run(node, config, folder, on_feedback, beside, resume=True)
+        return _run(node, config, folder, on_feedback, beside, waiting, resume=True)
 
 
 @contextmanager
-def _client_node(config: Config, namespace: str) -> Iterator[Node]:
-    """Make the node that asks for a run that can be done, where no graph is running, and its executor."""
+def _client_node(config: Config, namespace: str) -> Iterator[tuple[Node, dict[str, Popen[bytes]]]]:
+    """Make the node that asks for a run that can be done, where no graph is running, and its executor.
+
+    Meanwhile the processes of the run's nodes import what they need: they come as well.
+    """
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -135,9 +145,10 @@ def _client_node(config: Config, namespace: str) -> Iterator[Node]:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         discovered_at = time.monotonic() + DISCOVERY_S
-        check_before_moving(config)  # while others are being discovered
-        _refuse_second_graph(node, executor, config, discovered_at)
-        yield node
+        with preloading(node_names(config)) as waiting:
+            check_before_moving(config)  # while others are being discovered
+            _refuse_second_graph(node, executor, config, discovered_at)
+            yield node, waiting
         node.destroy_node()
     finally:
         # Fast DDS sometimes blocks here for ever: then the kernel ends the process.
@@ -164,12 +175,19 @@ def _refuse_second_graph(
 
 
 def _run(
-    node: Node, config: Config, folder: Path, on_feedback: OnFeedback, beside: Beside, resume: bool
+    node: Node,
+    config: Config,
+    folder: Path,
+    on_feedback: OnFeedback,
+    beside: Beside,
+    waiting: dict[str, Popen[bytes]],
+    resume: bool,
 ) -> Practice.Result:
     executor, config_file, logs = node.executor, folder / CONFIG_FILE, folder / LOG_FOLDER
     assert executor is not None  # _client_node
+    space = node.get_namespace()
     nodes = NodeProcesses(
-        config_file, node_names(config), logs, resume=resume, namespace=node.get_namespace()
+        config_file, node_names(config), logs, resume=resume, namespace=space, waiting=waiting
     )
     start_timeout_s = RESUME_TIMEOUT_S if resume else START_TIMEOUT_S
     with beside(config_file, logs), nodes:

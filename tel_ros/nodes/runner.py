@@ -25,6 +25,7 @@ from tel_ros.local_stop import BRAKE_SIGNAL
 from tel_ros.nodes.clock import ClockWatch
 from tel_ros.nodes.environment import choose_profiles, require_log_folder
 from tel_ros.nodes.hot_loop import spin_hot
+from tel_ros.nodes.preloaded import take_order
 from tel_ros.recording.config_file import read_yaml
 
 EXIT_BAD_INPUT = 2
@@ -73,6 +74,7 @@ def run_node(
     middleware does: Fast DDS sometimes blocks for ever. The exit code is 2 if the node cannot use what it is
     given.
     """
+    take_order()
     try:
         _run(make_node, make_executor)
     finally:

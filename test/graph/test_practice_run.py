@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 from graph_harness import PATIENT, QUICK, SHORT, TelProcess, summary_of, wait_until
 from rosbags.highlevel import AnyReader
@@ -192,7 +191,7 @@ def test_an_external_arm_that_is_not_there_is_reported_and_nothing_simulated_sta
     assert "the arm is not there" in err and "/joint_states" in err
     assert "sim_bridge" not in names
     assert time.monotonic() - started < 60.0
-    assert not [p for p in psutil.process_iter(["cmdline"]) if str(run.folder) in str(p.info["cmdline"])]
+    assert run.left_behind() == []
 
 
 def test_a_value_that_only_a_node_can_refuse_is_bad_input_as_well(tel: Tel) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -59,7 +60,7 @@ def _view_process(console: Console, namespace: str, config_file: Path, log_folde
             stderr=log,
             text=True,
             start_new_session=True,  # Ctrl-C reaches the supervisor only
-            preexec_fn=die_with_parent,
+            preexec_fn=partial(die_with_parent, os.getpid()),
         )
 
     def listen() -> None:
