@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import base64
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, partial
 from io import StringIO
 from typing import Any
 
@@ -60,7 +61,8 @@ def to_cdr(name: str, message: Any) -> bytes:
 def _record(name: str, message: Any) -> Any:
     store = typestore()
     _, fields = store.fielddefs[name]
-    return store.types[name](**{key: _value(kind, getattr(message, key)) for key, kind in fields})
+    get = message.__getitem__ if isinstance(message, Mapping) else partial(getattr, message)
+    return store.types[name](**{key: _value(kind, get(key)) for key, kind in fields})
 
 
 def _value(kind: Any, value: Any) -> Any:
@@ -69,8 +71,10 @@ def _value(kind: Any, value: Any) -> Any:
         return _record(of, value)
     if nodetype == Nodetype.BASE:
         return value
-    (_, (element, _)), _ = of
-    return list(value) if element == "string" else np.array(value, dtype=element)
+    (element_type, element), _ = of
+    if element_type == Nodetype.NAME:
+        return [_record(element, each) for each in value]
+    return list(value) if element[0] == "string" else np.array(value, dtype=element[0])
 
 
 def as_yaml_keeps_it(key: str, text: str) -> str:

@@ -19,7 +19,7 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -84,11 +84,8 @@ def load_network(path: Path) -> Learner:
 
 
 def _header(learner: Learner, stored: StoredLearner) -> str:
-    context = {
-        field.name: getattr(learner.context, field.name)
-        for field in dataclasses.fields(LearnerContext)
-        if field.name != "input_range"
-    } | {"learning": dataclasses.asdict(learner.context.learning)}
+    context = dataclasses.asdict(learner.context)
+    del context["input_range"]
     if learner.context.predicts == _USUAL:
         # Named only where it differs, so that the files and revisions of practice stay what they are.
         del context["predicts"], context["std_factor"]
@@ -124,17 +121,9 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
     ):
         found = f"has the springs K = {stiffness}, B = {damping}"
         raise NetworkFileError(path, found, f"a finite K > 0 and B >= 0 for each of {', '.join(joints)}")
-    context = LearnerContext(
-        joints=joints,
-        stiffness_nm_per_rad=tuple(stiffness),
-        damping_nms_per_rad=tuple(damping),
-        input_range=InputRange(low, high),
-        learning=LearningConfig(**described["learning"]),
-        seed=int(described["seed"]),
-        urdf=described["urdf"],
-        predicts=described.get("predicts", _USUAL),
-        std_factor=tuple(described.get("std_factor", ())),
-    )
+    made: dict[str, Any] = {"input_range": InputRange(low, high), "learning": LearningConfig(**described["learning"])}
+    plain = {key: tuple(value) if isinstance(value, list) else value for key, value in described.items()}
+    context = LearnerContext(**plain | made)
     if context.predicts not in get_args(Predicts):
         expected = f"one of {', '.join(get_args(Predicts))}"
         raise NetworkFileError(path, f"predicts {context.predicts!r}", expected)

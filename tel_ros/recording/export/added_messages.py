@@ -16,7 +16,7 @@ from tel_ros.core.errors import BagError, InputFileError
 from tel_ros.core.kinematics import LinkJoint, SerialChain
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.core.urdf import Urdf
-from tel_ros.recording.bag_format import typestore
+from tel_ros.recording.bag_format import to_cdr
 from tel_ros.recording.provenance import stored_config, stored_urdf
 from tel_ros.recording.trial_bag import RecordedTrial
 
@@ -93,7 +93,7 @@ def exported_arm(bag: Path, metadata: Mapping[str, str]) -> ExportedArm:
 
 def messages_of_arm(arm: ExportedArm, time_ns: int) -> Iterator[Added]:
     """Yield the messages that a file has once, at its beginning."""
-    yield ROBOT_DESCRIPTION, time_ns, _serialised(ROBOT_DESCRIPTION, data=arm.urdf)
+    yield ROBOT_DESCRIPTION, time_ns, to_cdr(ADDED[ROBOT_DESCRIPTION], {"data": arm.urdf})
     still = [each for each in arm.joints if each.joint.index is None]
     yield TF_STATIC, time_ns, next(_transforms(TF_STATIC, still, [time_ns], np.zeros((1, 0))))
 
@@ -104,7 +104,7 @@ def messages_of_trial(
     """Return what is added to a trial, in order; ``shift_ns``: between recorded times and the file's."""
     times_ns = trial.time_ns + shift_ns
     limits = np.array(arm.config.effort_limit_nm)
-    bounds = _serialised(EFFORT_LIMIT, **_array(np.concatenate([limits, -limits])))
+    bounds = to_cdr(ADDED[EFFORT_LIMIT], _array(np.concatenate([limits, -limits])))
     messages: list[Added] = [(EFFORT_LIMIT, time_ns, bounds) for time_ns in (begin_ns, end_ns)]
 
     run = np.flatnonzero(trial.run)
@@ -116,19 +116,15 @@ def messages_of_trial(
         (EQUILIBRIUM_PATH, trial.equilibrium_rad),
     ):
         hand_m = arm.chain.hand_positions(positions_rad[seen])
+        straight = _vector((0.0, 0.0, 0.0, 1.0))
         poses = [
-            _made(
-                "geometry_msgs/msg/PoseStamped",
-                header=_header(time_ns, arm.root),
-                pose=_made(
-                    "geometry_msgs/msg/Pose",
-                    position=_vector("Point", position_m),
-                    orientation=_vector("Quaternion", (0.0, 0.0, 0.0, 1.0)),
-                ),
-            )
+            {
+                "header": _header(time_ns, arm.root),
+                "pose": {"position": _vector(position_m), "orientation": straight},
+            }
             for time_ns, position_m in zip(times_ns[seen].tolist(), hand_m, strict=True)
         ]
-        path = _serialised(topic, header=_header(begin_ns, arm.root), poses=poses)
+        path = to_cdr(ADDED[topic], {"header": _header(begin_ns, arm.root), "poses": poses})
         messages.append((topic, begin_ns, path))
 
     moving = [each for each in arm.joints if each.joint.index is not None]
@@ -138,7 +134,7 @@ def messages_of_trial(
     messages += [(TF, time_ns, raw) for time_ns, raw in zip(thinned_ns, transforms, strict=True)]
 
     error_rad = trial.position_rad - desired_rad
-    messages += [(ERROR, int(times_ns[k]), _serialised(ERROR, **_array(error_rad[k]))) for k in run]
+    messages += [(ERROR, int(times_ns[k]), to_cdr(ADDED[ERROR], _array(error_rad[k]))) for k in run]
     return sorted(messages, key=lambda message: message[1])
 
 
@@ -159,40 +155,23 @@ def _transforms(
     quaternions = [Rotation.from_matrix(turned).as_quat() for _, turned in placed]
     for row, time_ns in enumerate(times_ns):
         transforms = [
-            _made(
-                "geometry_msgs/msg/TransformStamped",
-                header=_header(time_ns, each.parent),
-                child_frame_id=each.child,
-                transform=_made(
-                    "geometry_msgs/msg/Transform",
-                    translation=_vector("Vector3", places[row]),
-                    rotation=_vector("Quaternion", turned[row]),
-                ),
-            )
+            {
+                "header": _header(time_ns, each.parent),
+                "child_frame_id": each.child,
+                "transform": {"translation": _vector(places[row]), "rotation": _vector(turned[row])},
+            }
             for each, (places, _), turned in zip(joints, placed, quaternions, strict=True)
         ]
-        yield _serialised(topic, transforms=transforms)
+        yield to_cdr(ADDED[topic], {"transforms": transforms})
 
 
-def _made(kind: str, **fields: Any) -> Any:
-    return typestore().types[kind](**fields)
+def _header(time_ns: int, frame: str) -> dict[str, Any]:
+    return {"stamp": dict(zip(("sec", "nanosec"), divmod(time_ns, NS_PER_S), strict=True)), "frame_id": frame}
 
 
-def _header(time_ns: int, frame: str) -> Any:
-    stamp = _made("builtin_interfaces/msg/Time", sec=time_ns // NS_PER_S, nanosec=time_ns % NS_PER_S)
-    return _made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def _vector(kind: str, values: Iterable[float]) -> Any:
-    return _made(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
+def _vector(values: Iterable[float]) -> dict[str, float]:
+    return dict(zip("xyzw", map(float, values), strict=False))
 
 
 def _array(values: FloatArray) -> dict[str, Any]:
-    """Return the fields of a Float64MultiArray, as :func:`_serialised` takes them."""
-    layout = _made("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
-    return {"layout": layout, "data": np.ascontiguousarray(values, dtype=np.float64)}
-
-
-def _serialised(topic: str, **fields: Any) -> bytes:
-    kind = ADDED[topic]
-    return bytes(typestore().serialize_cdr(_made(kind, **fields), kind))
+    return {"layout": {"dim": [], "data_offset": 0}, "data": values}

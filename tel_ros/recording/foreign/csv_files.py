@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,11 @@ def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RE
         is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         # Old programs' signs for degrees and the like stand in columns that nobody asks for.
         encoding = (
-            "utf-16" if is_utf16 else "utf-8-sig" if b"\0" in content or _is_utf8(content) else "latin-1"
+            "utf-16"
+            if is_utf16
+            else "utf-8-sig"
+            if b"\0" in content or _can(bytes.decode, content)
+            else "latin-1"
         )
         lines = content.decode(encoding).removeprefix("\ufeff").splitlines(keepends=True)
     except FileNotFoundError as error:
@@ -99,7 +104,7 @@ def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RE
                 continue
             if cells[0].lstrip().startswith("#"):
                 comment = [cells[0].lstrip()[1:], *cells[1:]]
-            elif header or (comment and all(map(_is_number, filter(None, cells)))):
+            elif header or (comment and all(_can(float, cell) for cell in cells if cell)):
                 # As numpy.savetxt writes it: the header is the comment before the first row.
                 header = header or comment
                 rows.append(cells)
@@ -129,17 +134,9 @@ def _renamed(column: str, renaming: Callable[[str], str]) -> str:
     return column
 
 
-def _is_utf8(content: bytes) -> bool:
+def _can(convert: Callable[[Any], object], value: str | bytes) -> bool:
     try:
-        content.decode()
-        return True
-    except UnicodeDecodeError:
-        return False
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
+        convert(value)
         return True
     except ValueError:
         return False

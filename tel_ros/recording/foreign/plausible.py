@@ -38,6 +38,9 @@ class JointRange:
     velocity: float
 
 
+_ANYWHERE = JointRange(-np.inf, np.inf, np.inf)
+
+
 def joint_ranges(urdf: Urdf) -> dict[str, JointRange]:
     """Return the ranges of all movable joints, as far as the file tells them."""
     return {name: _range(urdf, joint) for name, joint in urdf.joints.items() if joint.kind in MOVABLE}
@@ -98,7 +101,7 @@ def _doubts(recording: JointRecording, ranges: Mapping[str, JointRange]) -> Iter
         yield f"{rate_hz:.3g} samples a second are fewer than the {LOWEST_HZ:g} that it takes"
     degrees, outside = list[str](), list[str]()
     for joint, position in zip(recording.joints, recording.position_rad.T, strict=True):
-        known = ranges.get(joint, JointRange(-np.inf, np.inf, np.inf))
+        known = ranges.get(joint, _ANYWHERE)
         said = f"{joint} from {position.min():.3g} to {position.max():.3g}"
         if _is_outside(position, known):
             fits = not _is_outside(np.deg2rad(position), known)
@@ -113,13 +116,11 @@ def _doubts(recording: JointRecording, ranges: Mapping[str, JointRange]) -> Iter
         said = "; ".join(outside + degrees)
         yield f"positions outside of the URDF's range ({said}): another arm, or another zero?"
     for joint in recording.joints:
-        known = ranges.get(joint, JointRange(-np.inf, np.inf, np.inf))
-        if speed := _too_fast(recording, joint, known):
-            found = f"{joint} moves at {speed:.3g} rad/s, the URDF allows {known.velocity:.3g}"
-            expected = (
-                "positions in rad and times in s of one arm: are they, and is there only one publisher?"
-            )
-            raise InputFileError(recording.source, found, expected)
+        allowed = ranges.get(joint, _ANYWHERE).velocity
+        if speed := _too_fast(recording, joint, allowed):
+            found = f"{joint} moves at {speed:.3g} rad/s, the URDF allows {allowed:.3g}"
+            sought = "positions in rad and times in s of one arm: are they, and is there only one publisher?"
+            raise InputFileError(recording.source, found, sought)
 
 
 def _is_outside(position: FloatArray, known: JointRange) -> bool:
@@ -127,7 +128,7 @@ def _is_outside(position: FloatArray, known: JointRange) -> bool:
     return bool(position.min() < known.low - spare or position.max() > known.high + spare)
 
 
-def _too_fast(recording: JointRecording, joint: str, known: JointRange) -> float:
+def _too_fast(recording: JointRecording, joint: str, allowed: float) -> float:
     """Return a speed that too many samples have, or 0."""
     position = recording.position_rad[:, recording.joints.index(joint)]
     period_s = recording.median_period_s
@@ -135,6 +136,6 @@ def _too_fast(recording: JointRecording, joint: str, known: JointRange) -> float
     n = 2 * round(_SPEED_S / period_s / 2.0) + 1
     step_s = np.maximum(recording.time_s[n:] - recording.time_s[:-n], 0.5 * n * period_s)
     speed = np.abs(position[n:] - position[:-n]) / step_s
-    if len(speed) and np.mean(speed > _TOO_FAST * known.velocity) > _FAST_SHARE:
+    if len(speed) and np.mean(speed > _TOO_FAST * allowed) > _FAST_SHARE:
         return float(np.quantile(speed, 1.0 - _FAST_SHARE))
     return 0.0
