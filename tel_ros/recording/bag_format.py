@@ -10,15 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rosbags.interfaces import (
-    Nodetype,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces as ros
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from ruamel.yaml import YAML
@@ -29,7 +21,7 @@ from tel_ros.recording.shared_files import share_folder
 _OURS = ("ControlState", "TrialGoal", "TrialResult")
 _DEPTH = 10
 _IN_BASE64 = "text in Base64:"
-_INFINITE = QosTime(9223372036, 854775807)
+_INFINITE = ros.QosTime(9223372036, 854775807)
 """The longest time that rosbag2 can tell: no deadline, no lifespan, no lease."""
 
 
@@ -67,12 +59,12 @@ def _record(name: str, message: Any) -> Any:
 
 def _value(kind: Any, value: Any) -> Any:
     nodetype, of = kind
-    if nodetype == Nodetype.NAME:
+    if nodetype == ros.Nodetype.NAME:
         return _record(of, value)
-    if nodetype == Nodetype.BASE:
+    if nodetype == ros.Nodetype.BASE:
         return value
     (element_type, element), _ = of
-    if element_type == Nodetype.NAME:
+    if element_type == ros.Nodetype.NAME:
         return [_record(element, each) for each in value]
     return list(value) if element[0] == "string" else np.array(value, dtype=element[0])
 
@@ -97,17 +89,17 @@ def plain_text(stored: str) -> str:
     return base64.b64decode(stored.removeprefix(_IN_BASE64)).decode() if in_base64 else stored
 
 
-def offered_qos(topic: str, *, latched: bool = False) -> Qos:
+def offered_qos(topic: str, *, latched: bool = False) -> ros.Qos:
     """Return how to play a topic of a trial: reliable, and latched if a trial has it once."""
     once = latched or any(topics.is_named(topic, name) for name in topics.RECORDED_ONCE)
-    return Qos(
-        history=QosHistory.KEEP_LAST,
+    return ros.Qos(
+        history=ros.QosHistory.KEEP_LAST,
         depth=1 if once else _DEPTH,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if once else QosDurability.VOLATILE,
+        reliability=ros.QosReliability.RELIABLE,
+        durability=ros.QosDurability.TRANSIENT_LOCAL if once else ros.QosDurability.VOLATILE,
         deadline=_INFINITE,
         lifespan=_INFINITE,
-        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness=ros.QosLiveliness.AUTOMATIC,
         liveliness_lease_duration=_INFINITE,
         avoid_ros_namespace_conventions=False,
     )

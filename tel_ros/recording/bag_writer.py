@@ -203,20 +203,17 @@ class TrialBagWriter(BagWriter):
     ) -> None:
         super().__init__(bag, metadata, recording)
         self._namespace = namespace
-        self._names: dict[str, str] = {}
-        for topic, kind in {**topics.RECORDED_LIVE, **topics.RECORDED_ONCE}.items():
-            self._add(topic, kind)
+        for topic, kind in (topics.RECORDED_LIVE | topics.RECORDED_ONCE).items():
+            name = topics.absolute(topic, namespace)
+            self.add_topic(name, kind, [offered_qos(name)])
 
     def write(self, topic: str, time_ns: int, serialised: bytes) -> None:
         """Append one serialised message; raise a BagError if the disk does not take it."""
-        if topic not in self._names:
+        name = topics.absolute(topic, self._namespace)
+        if name not in self.counts:
             # Which of the topics of commands a trial has shows when the first one comes.
-            self._add(topic, topics.RECORDED_COMMANDS[topic])
-        super().write(self._names[topic], time_ns, serialised)
-
-    def _add(self, topic: str, kind: str) -> None:
-        name = self._names[topic] = topics.absolute(topic, self._namespace)
-        self.add_topic(name, kind, [offered_qos(name)])
+            self.add_topic(name, topics.RECORDED_COMMANDS[topic], [offered_qos(name)])
+        super().write(name, time_ns, serialised)
 
 
 def _sync(path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +45,7 @@ def read_joint_states(bag: Path, topic: str = "") -> RecordedStates:
     if not joints:
         raise BagError(bag, f"names no joint in {connections[0].topic}", "joint states with names")
     stamps_ns = [time_ns(message.header.stamp) for message in messages]
-    goes_forward = all(later > earlier for earlier, later in pairwise(stamps_ns))
+    goes_forward = bool(np.all(np.diff(stamps_ns) > 0))
     moments_ns = np.array(stamps_ns if goes_forward else recorded_ns, dtype=np.int64)
     names = [message.name for message in messages]
     told = [columns(messages, names, joints, field) for field in ("position", "velocity", "effort")]

@@ -121,7 +121,10 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
     ):
         found = f"has the springs K = {stiffness}, B = {damping}"
         raise NetworkFileError(path, found, f"a finite K > 0 and B >= 0 for each of {', '.join(joints)}")
-    made: dict[str, Any] = {"input_range": InputRange(low, high), "learning": LearningConfig(**described["learning"])}
+    made: dict[str, Any] = {
+        "input_range": InputRange(low, high),
+        "learning": LearningConfig(**described["learning"]),
+    }
     plain = {key: tuple(value) if isinstance(value, list) else value for key, value in described.items()}
     context = LearnerContext(**plain | made)
     if context.predicts not in get_args(Predicts):

@@ -83,6 +83,11 @@ class RunData:
         return "" if self.drawn else "Nothing to draw: there is no trial with a movement and a readable bag."
 
     @property
+    def urdf(self) -> bytes:
+        """The file that describes the arm."""
+        return Path(self.config.arm.urdf).read_bytes()
+
+    @property
     def chain(self) -> SerialChain:
         """From the base to the hand."""
         return described(self.config.arm).chain(self.config.arm.hand_link)

@@ -12,16 +12,8 @@ from markupsafe import Markup
 from tel_ros import __version__
 from tel_ros.app.command_group import extensions, load
 from tel_ros.app.plotting import inline_svg
-from tel_ros.app.report import text
+from tel_ros.app.report import figures, text
 from tel_ros.app.report.data import RunData, TrialRow, read_drawable, read_run
-from tel_ros.app.report.figures import (
-    effort_figure,
-    hand_path_figure,
-    path_panels,
-    path_pictures,
-    practice_figure,
-    tracking_figure,
-)
 from tel_ros.app.report.page import Content, Section, block, write_page
 from tel_ros.recording.run_folder import SUMMARY_FILE
 
@@ -33,8 +25,8 @@ _TEMPLATE = "run.html.j2"
 
 def hand_path(run: RunData) -> Content:
     """[Practice] Fig. 2 of the first, the middle and the last trial."""
-    panels, plane, labels = path_panels(run.drawn, run.chain)
-    return Content(hand_path_figure(panels, labels), text.path_caption(plane))
+    panels, plane, labels = figures.path_panels(run.drawn, run.chain)
+    return Content(figures.hand_path_figure(panels, labels), text.path_caption(plane))
 
 
 def steps(run: RunData) -> Content | None:
@@ -42,18 +34,20 @@ def steps(run: RunData) -> Content | None:
     trials = read_drawable(run, MOST_STEPS) if run.drawn else []
     if len(trials) < 2:
         return None
-    panels, _, labels = path_panels(trials, run.chain, _STEP_POINTS)
+    panels, _, labels = figures.path_panels(trials, run.chain, _STEP_POINTS)
     indices = [trial.summary.index for trial in trials]
     pictures = [
         (index, Markup(inline_svg(figure, f"step-{index}")))
-        for index, figure in zip(indices, path_pictures(panels, labels), strict=True)
+        for index, figure in zip(indices, figures.path_pictures(panels, labels), strict=True)
     ]
     return Content(html=block(_TEMPLATE, "steps", pictures=pictures))
 
 
 def tracking(run: RunData) -> Content:
     """Error of each joint over the movement."""
-    return Content(tracking_figure(run.drawn, run.config.arm.joints), text.tracking_caption(run.drawn))
+    return Content(
+        figures.tracking_figure(run.drawn, run.config.arm.joints), text.tracking_caption(run.drawn)
+    )
 
 
 def _table(
@@ -71,7 +65,7 @@ RESULTS: tuple[Section[RunData], ...] = (
     Section(
         "errors",
         "Error and duration of each trial",
-        practice_figure,
+        figures.practice_figure,
         "practice",
         "Errors and durations of all trials. Tracking error: measured minus desired joint position, over all "
         "joints. Training error: the network's error on the commands of the trial just done, before and "
@@ -80,7 +74,7 @@ RESULTS: tuple[Section[RunData], ...] = (
     Section(
         "torques",
         "Torques",
-        effort_figure,
+        figures.effort_figure,
         "effort",
         "Commanded torque of each joint over the movement, after clipping to the effort limit. A limit that "
         "is far off the scale is named instead of drawn.",

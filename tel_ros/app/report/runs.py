@@ -25,15 +25,8 @@ from tel_ros.app.plotting import (
     legend_below,
     scale_errors,
 )
-from tel_ros.app.report import text
+from tel_ros.app.report import figures, text
 from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow, read_run
-from tel_ros.app.report.figures import (
-    count_trials,
-    draw_error,
-    hand_path_figure,
-    movement_panels,
-    path_panels,
-)
 from tel_ros.app.report.page import Content, Section, block, write_page
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.config_file import flat_values
@@ -65,7 +58,7 @@ class Runs:
             for what, differs in (
                 ("joints", run.config.arm.joints != first.config.arm.joints),
                 ("hand", run.config.arm.hand_link != first.config.arm.hand_link),
-                ("URDF", _urdf(run) != _urdf(first)),
+                ("URDF", run.urdf != first.urdf),
             ):
                 if differs:
                     return f"Not drawn together: {first_name} and {name} are runs of different arms ({what})."
@@ -88,11 +81,11 @@ class Runs:
 
 def hand_path(data: Runs) -> Content:
     """Path of the hand in the last trial of each run."""
-    panels, plane, labels = path_panels(data.last, data.runs[0].chain)
+    panels, plane, labels = figures.path_panels(data.last, data.runs[0].chain)
     named = zip(data.names, panels, strict=True)
     panels = [replace(panel, title=f"{name}\n{panel.title}") for name, panel in named]
     caption = f"The last trial of each run. {text.path_caption(plane)}"
-    return Content(hand_path_figure(panels, labels), caption)
+    return Content(figures.hand_path_figure(panels, labels), caption)
 
 
 def _table(macro: str, **more: Callable[[Runs], Any]) -> Callable[[Runs], Content]:
@@ -114,7 +107,7 @@ def errors_figure(data: Runs) -> Figure:
                 axes.plot(getattr(row, place), row.rms_error_rad, **(BROKEN_OFF | {"markersize": 8.0}))
     if any(row.rms_error_rad > 0.0 for row in rows):
         scale_errors(over_trials)
-    count_trials(over_trials)
+    figures.count_trials(over_trials)
     over_trials.set(title="Trial by trial", ylabel="RMS error [rad]")
     over_durations.grid(axis="y")
     over_durations.set_axisbelow(True)
@@ -126,10 +119,12 @@ def errors_figure(data: Runs) -> Figure:
 
 def last_trials_figure(data: Runs) -> Figure:
     """Return the tracking error of each joint in the last trial of several runs of an arm."""
-    figure, panels = movement_panels(data.runs[0].config.arm.joints)
+    figure, panels = figures.movement_panels(data.runs[0].config.arm.joints)
     for joint, axes in enumerate(panels):
         for look, trial in zip(data.looks, data.last, strict=True):
-            draw_error(axes, trial, joint, {"markeredgecolor": look["color"]}, **(look | {"marker": ""}))
+            figures.draw_error(
+                axes, trial, joint, {"markeredgecolor": look["color"]}, **(look | {"marker": ""})
+            )
         axes.set_ylabel("actual − desired [rad]")
     legend_below(figure, *_legend(data, [trial.summary for trial in data.last]))
     return figure
@@ -194,7 +189,7 @@ def write_runs_report(folders: Sequence[Path], out: Path, formats: Sequence[str]
 def differences(runs: Sequence[RunData]) -> dict[str, list[str]]:
     """Return the keys of the configuration in which runs differ, with each run's value."""
     flat = [flat_values(run.config) for run in runs]
-    if len({_urdf(run) for run in runs}) == 1:  # each run has a copy of its own
+    if len({run.urdf for run in runs}) == 1:  # each run has a copy of its own
         flat = [{key: value for key, value in values.items() if key != "arm.urdf"} for values in flat]
     keys = dict.fromkeys(key for values in flat for key in values)
     found = {key: [values.get(key, "(not there)") for values in flat] for key in keys}
@@ -221,7 +216,3 @@ def _names(folders: Sequence[Path]) -> tuple[str, ...]:
         if len(set(names)) == len(names):
             return names
     return tuple(map(str, folders))
-
-
-def _urdf(run: RunData) -> bytes:
-    return Path(run.config.arm.urdf).read_bytes()

@@ -27,6 +27,7 @@ from tel_ros.core.trajectories.paths import waypoint_path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.renaming import Renaming, advice
+from tel_ros.recording.shared_files import missing
 from tel_ros.recording.waypoint_file import read_waypoints
 
 TIME = "time_s"
@@ -57,6 +58,18 @@ class Table:
             raise InputFileError(self.file, found, f"columns among {', '.join(self.header)}{how}")
         return np.array([self._column(prefix + joint) for joint in joints]).T.reshape(-1, len(joints))
 
+    def times(self, may_repeat: bool) -> FloatArray:
+        """Return the times; InputFileError if they go back, or repeat and may not."""
+        time_s = self._column(TIME)
+        step_s = np.diff(time_s)
+        wrong = np.flatnonzero(step_s < 0.0 if may_repeat else step_s <= 0.0)
+        if len(wrong):
+            k = int(wrong[0]) + 1
+            found = f"line {self.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
+            expected = "rows in the order of time" if may_repeat else "times that increase"
+            raise InputFileError(self.file, found, expected)
+        return time_s
+
     def _column(self, name: str) -> FloatArray:
         if self.header.count(name) > 1:
             raise InputFileError(self.file, f"has {name} twice", "each column once")
@@ -80,20 +93,13 @@ def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RE
     """Read a CSV with a header line; InputFileError if it is missing or malformed."""
     try:
         content = file.read_bytes()
-        is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         # Old programs' signs for degrees and the like stand in columns that nobody asks for.
-        encoding = (
-            "utf-16"
-            if is_utf16
-            else "utf-8-sig"
-            if b"\0" in content or _can(bytes.decode, content)
-            else "latin-1"
-        )
+        encoding = "utf-8-sig" if b"\0" in content or _can(bytes.decode, content) else "latin-1"
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            encoding = "utf-16"
         lines = content.decode(encoding).removeprefix("\ufeff").splitlines(keepends=True)
-    except FileNotFoundError as error:
-        raise InputFileError(file, "there is no such file", expected) from error
     except (OSError, ValueError) as error:  # ValueError: what is no text
-        found = "is a folder" if file.is_dir() else f"not readable ({error})"
+        found = f"not readable ({error})" if file.is_file() else missing(file)
         raise InputFileError(file, found, expected) from error
     first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     reader = csv.reader(lines, delimiter=max(";\t,", key=first.count), skipinitialspace=True)
@@ -158,24 +164,19 @@ def read_csv_recording(
     for joint in joints:  # the effort first: that is what recordings lack
         table.columns(TORQUE, [joint])
     learned = joints or [joint for joint in table.named(POSITION) if joint in told]
-    position, effort = dict[str, FloatArray](), dict[str, FloatArray]()
+    columns = dict[str, list[FloatArray]]()
     for joint in (*table.named(POSITION), *learned):
         try:
-            position[joint] = table.columns(POSITION, [joint])
+            position = table.columns(POSITION, [joint])
         except InputFileError:
             if joint in learned:
                 raise
             continue  # nobody has asked for it
-        unknown = np.full_like(position[joint], np.nan)
-        effort[joint] = table.columns(TORQUE, [joint]) if joint in learned else unknown
-    time_s = table.columns("", [TIME])[:, 0]
-    back = np.flatnonzero(np.diff(time_s) < 0.0)
-    if len(back):
-        k = int(back[0]) + 1
-        found = f"line {table.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
-        raise InputFileError(file, found, "rows in the order of time")
-    columns = [np.hstack(list(values.values())) for values in (position, effort)]
-    return JointRecording(str(file), tuple(position), time_s - time_s[0], *columns)
+        unknown = np.full_like(position, np.nan)
+        columns[joint] = [position, table.columns(TORQUE, [joint]) if joint in learned else unknown]
+    time_s = table.times(may_repeat=True)
+    positions, efforts = map(np.hstack, zip(*columns.values(), strict=True))
+    return JointRecording(str(file), tuple(columns), time_s - time_s[0], positions, efforts)
 
 
 def read_movement(
@@ -204,12 +205,7 @@ def read_movement(
         return desired.time_s, inputs
     if duration_s is not None:
         raise ConfigError("--duration-s", duration_s, f"nothing, because {file} tells times")
-    time_s = table.columns("", [TIME])[:, 0]
-    wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
-    if len(wrong):
-        k = int(wrong[0]) + 1
-        found = f"line {table.lines[k]}: {TIME} is {time_s[k]:g} after {time_s[k - 1]:g}"
-        raise InputFileError(file, found, "times that increase")
+    time_s = table.times(may_repeat=False)
     position = table.columns(POSITION, joints)
     velocity, acceleration = (
         table.columns(prefix, joints) if any(prefix + joint in table.header for joint in joints) else None

@@ -78,11 +78,8 @@ def _merged(
     moments_ns: IntArray,
     values: Sequence[FloatArray],
 ) -> JointRecording:
-    at_ns = moments_ns[base]
-    merged, kept = (
-        [np.full((len(base), len(joints)), np.nan) for _ in range(2)],
-        np.ones(len(base), dtype=bool),
-    )
+    at_ns, kept = moments_ns[base], np.ones(len(base), dtype=bool)
+    merged = np.full((2, len(base), len(joints)), np.nan)
     for j, joint in enumerate(joints):
         own_ns, first = np.unique(moments_ns[rows[joint]], return_index=True)
         if np.any(np.diff(moments_ns[rows[joint]]) < 0):
@@ -108,12 +105,10 @@ def _merged(
 
 def _has_neighbours(time_s: FloatArray, at_s: FloatArray) -> BoolArray:
     """Return which times lie between two samples that are close enough to interpolate, or on one."""
-    longest_s = (
-        max(_LONGEST_GAP * float(np.median(np.diff(time_s))), _LONGEST_GAP_S) if len(time_s) > 1 else 0.0
-    )
+    period_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     after = np.searchsorted(time_s, at_s)
-    exact = time_s[np.minimum(after, len(time_s) - 1)] == at_s
+    next_s, last_s = time_s[np.minimum(after, len(time_s) - 1)], time_s[np.maximum(after - 1, 0)]
     inside = (after > 0) & (after < len(time_s))
-    gap_s = time_s[np.minimum(after, len(time_s) - 1)] - time_s[np.maximum(after - 1, 0)]
-    between: BoolArray = exact | (inside & (gap_s <= longest_s))
+    near = next_s - last_s <= max(_LONGEST_GAP * period_s, _LONGEST_GAP_S)
+    between: BoolArray = (next_s == at_s) | (inside & near)
     return between

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,11 +91,10 @@ def read_sources(
         recording.require_learnable()
         doubts += require_plausible(recording, wanted.urdf)
     others: dict[str, tuple[float, float]] = {}
-    for recording in found:
-        for joint, (low, high) in recording.ranges_rad().items():
-            if joint not in joints:
-                least, most = others.get(joint, (low, high))
-                others[joint] = (min(least, low), max(most, high))
+    for joint, (low, high) in (each for recording in found for each in recording.ranges_rad().items()):
+        if joint not in joints:
+            least, most = others.get(joint, (low, high))
+            others[joint] = (min(least, low), max(most, high))
     return chosen, others, doubts
 
 
@@ -105,52 +105,40 @@ def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
     that this one lacks. Joint states become one recording of all joints on one time base, each trajectory is
     one.
     """
-    wanted = wanted or Wanted()
+    wanted, refusal = wanted or Wanted(), partial(InputFileError, bag)
     with reading(bag, _EXPECTED), open_any_bag(bag, closed=False) as reader:
         kinds = {c.topic: c.msgtype for c in reader.connections}
-        of_joints = [t for t, kind in kinds.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY)]
-        if wanted.topic and wanted.topic not in of_joints:
-            known = wanted.topic in kinds
-            found = (
-                f"{wanted.topic} has messages {kinds[wanted.topic]}"
-                if known
-                else f"has no topic {wanted.topic}"
-            )
-            raise InputFileError(bag, found, f"a topic of joints (it has {_list(kinds)})")
-        topics = [wanted.topic] if wanted.topic else sorted(of_joints)
-        if not topics:
-            raise InputFileError(bag, f"has the topics {_list(kinds) or 'of no messages'}", _EXPECTED)
+        listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items()))
+        of_joints = sorted(t for t, kind in kinds.items() if kind in (JOINT_STATE, JOINT_TRAJECTORY))
+        if (topic := wanted.topic) and topic not in of_joints:
+            found = f"{topic} has messages {kinds[topic]}" if topic in kinds else f"has no topic {topic}"
+            raise refusal(found, f"a topic of joints (it has {listed})")
+        if not of_joints:
+            raise refusal(f"has the topics {listed or 'of no messages'}", _EXPECTED)
         read: dict[str, list[tuple[int, Any]]] = {}
-        for topic in topics:
+        for topic in [wanted.topic] if wanted.topic else of_joints:
             connections = [c for c in reader.connections if c.topic == topic]
             for fmt in {getattr(c.ext, "serialization_format", "cdr") for c in connections} - {"cdr", "ros1"}:
-                raise InputFileError(
-                    bag, f"has {topic} serialised as {fmt!r}", "messages serialised as 'cdr'"
-                )
+                raise refusal(f"has {topic} serialised as {fmt!r}", "messages serialised as 'cdr'")
             read[topic] = reader.contents(connections)
     if not any(read.values()):
-        raise InputFileError(bag, f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
+        raise refusal(f"has no messages on {', '.join(read)}: it is empty", _EXPECTED)
     told = {t: _with_effort(kinds[t], messages, wanted.renaming) for t, messages in read.items()}
     every = list(dict.fromkeys(joint for names in told.values() for joint in names))
     missing = [joint for joint in wanted.joints if joint not in every]
     if missing or not every:
         found = f"tells no effort on {', '.join(read)}" + (f" for {', '.join(missing)}" if missing else "")
-        raise InputFileError(
-            bag, found, f"efforts in N·m: what the torque is learned from{advice(every, missing)}"
-        )
-    fitting = {t: set(wanted.among(names)) for t, names in told.items()}
-    if not any(fitting.values()):
+        raise refusal(found, f"efforts in N·m: what the torque is learned from{advice(every, missing)}")
+    fitting = {t: set(wanted.among(names)) for t, names in told.items() if wanted.among(names)}
+    if not fitting:
         expected = f"joints of the URDF: {', '.join(wanted.urdf)}{advice(every, wanted.urdf)}"
-        raise InputFileError(bag, f"tells efforts of {', '.join(every)}", expected)
-    best = max(fitting, key=lambda topic: len(fitting[topic]))
+        raise refusal(f"tells efforts of {', '.join(every)}", expected)
+    fullest_first = sorted(fitting, key=lambda each: -len(fitting[each]))
+    best, of_arm = fullest_first[0], bool(wanted.joints or wanted.urdf)
     chosen, covered = {best: fitting[best]}, set(fitting[best])
-    for topic in sorted(fitting, key=lambda each: -len(fitting[each])):
-        if topic == best or not fitting[topic]:
-            continue
-        of_arm = bool(wanted.joints or wanted.urdf)
+    for topic in fullest_first[1:]:
         if not of_arm or fitting[topic] >= covered:
-            both = ", ".join(each for each in fitting if fitting[each])
-            raise InputFileError(bag, f"tells efforts on {both}", "one of them as --topic")
+            raise refusal(f"tells efforts on {', '.join(fitting)}", "one of them as --topic")
         if kinds[topic] == JOINT_STATE and (new := fitting[topic] - covered):
             chosen[topic] = new
             covered |= new
@@ -161,16 +149,14 @@ def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
             for _, message in read[best]
             if fitting[best] <= set(map(wanted.renaming, message.joint_names)) and _tells_effort(message)
         ]
-    stamped = [
-        Stamped(
-            recorded_ns,
-            message,
-            tuple(n if t == best or n in only else "" for n in map(wanted.renaming, message.name)),
-        )
-        for t, only in chosen.items()
-        for recorded_ns, message in read[t]
-    ]
-    return [merged_states(source, stamped, wanted.joints or sorted(covered))]
+
+    def stamped(topic: str, recorded_ns: int, message: Any) -> Stamped:
+        names = map(wanted.renaming, message.name)
+        counts = tuple(n if topic == best or n in chosen[topic] else "" for n in names)
+        return Stamped(recorded_ns, message, counts)
+
+    states = [stamped(topic, *recorded) for topic in chosen for recorded in read[topic]]
+    return [merged_states(source, states, wanted.joints or sorted(covered))]
 
 
 def _with_effort(kind: str, messages: Sequence[tuple[int, Any]], renaming: Renaming) -> list[str]:
@@ -200,7 +186,3 @@ def _of_trajectory(source: str, message: Any, renaming: Renaming) -> JointRecord
 
     time_s = (moments_ns - moments_ns[0]) / NS_PER_S
     return JointRecording(source, names, time_s, rows("positions"), rows("effort"))
-
-
-def _list(named: dict[str, str]) -> str:
-    return ", ".join(f"{topic} ({kind})" for topic, kind in sorted(named.items()))

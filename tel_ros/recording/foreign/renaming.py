@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -36,10 +37,7 @@ def advice(recorded: Iterable[str], expected: Iterable[str]) -> str:
     best, most = "", 0
     for name in recorded:
         for other in sorted(expected):
-            n = next(
-                (k for k, (a, b) in enumerate(zip(name[::-1], other[::-1], strict=False)) if a != b), None
-            )
-            n = min(len(name), len(other)) if n is None else n
+            n = len(os.path.commonprefix([name[::-1], other[::-1]]))
             if n and n < min(len(name), len(other)) and not name[-n].isalnum():
                 n -= 1  # fer_=panda_ rather than fer=panda
             old, new = name[: len(name) - n], other[: len(other) - n]
