@@ -78,19 +78,13 @@ def _asked_over_network(request: str, namespace: str | None) -> dict[str, Answer
     import tel_ros.nodes  # noqa: F401 - first: whether ROS can start
 
     # isort: split
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
     from std_srvs.srv import Trigger
 
-    from tel_ros.nodes.runner import start_ros
+    from tel_ros.nodes.runner import client
     from tel_ros.recording import topics
 
     topic = topics.SAFETY_STOP if request == STOP else topics.SAFETY_RESET
-    start_ros()
-    node, executor = Node(f"tel_{request}"), SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
+    with client(f"tel_{request}") as (node, executor):
         begun, answered = time.monotonic(), False
         clients, futures = dict[str, Any](), dict[str, Any]()
         while time.monotonic() - begun < (DISCOVERY_S if answered else NETWORK_TIMEOUT_S):
@@ -99,14 +93,11 @@ def _asked_over_network(request: str, namespace: str | None) -> dict[str, Answer
                 wanted = namespace is None or name == topics.absolute(topic, namespace)
                 if wanted and topics.is_named(name, topic) and name not in clients:
                     clients[name] = node.create_client(Trigger, name)
-            for name, client in clients.items():
-                if name not in futures and client.service_is_ready():
-                    futures[name] = client.call_async(Trigger.Request())
+            for name, service in clients.items():
+                if name not in futures and service.service_is_ready():
+                    futures[name] = service.call_async(Trigger.Request())
             answered = bool(futures) and all(name in futures and futures[name].done() for name in clients)
         said = {name: future.result() for name, future in futures.items() if future.done()}
         return {
             name: Answer(said[name].success, said[name].message) if name in said else None for name in clients
         }
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()

@@ -7,7 +7,8 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,19 @@ def start_ros(
         raise TelError(f"ROS does not start: {said}; {expected}") from None
     if ignored:
         raise TelError(f"{' '.join(ignored)!r} is no argument of this node; {expected}")
+
+
+@contextmanager
+def client(name: str, namespace: str = "/") -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """Start ROS with a node of a command and its executor, and end both."""
+    start_ros()
+    node, executor = Node(name, namespace=namespace), SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def run_node(

@@ -11,7 +11,6 @@ import numpy as np
 from action_msgs.srv import CancelGoal
 from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -64,7 +63,8 @@ class GraphView:
         )
         node.create_subscription(TrialGoal, topics.TRIAL_GOAL, on_goal, qos.LATCHED)
         for topic, name in ((topics.SAFETY_STOPPED, "stopped"), (topics.PAUSED, "paused")):
-            node.create_subscription(Bool, topic, partial(self._note, name), qos.LATCHED)
+            heard = partial(lambda name, message: setattr(self, name, message.data), name)
+            node.create_subscription(Bool, topic, heard, qos.LATCHED)
         # The feedback of an action is a topic like any other.
         kind, topic = Practice.Impl.FeedbackMessage, f"{topics.PRACTICE}/_action/feedback"
         hear: Callable[[Any], None] = lambda message: on_feedback(message.feedback)  # noqa: E731
@@ -81,12 +81,22 @@ class GraphView:
 
     def look_at_arm(self) -> None:
         """Take the newest state of the arm, and see whether what was asked has been answered."""
-        _take(self._arm_states)
-        self._look_for_answers()
+        if serves_itself():  # else the executor does it
+            take(self._arm_states)
+        for asked in list(self._asked):
+            what, urgent, at, future = asked
+            good, text = False, f"NO ANSWER for {ANSWER_TIMEOUT_S:.0f} s"
+            if future.done():
+                good, text = _said(future.result())
+            elif time.monotonic() - at <= ANSWER_TIMEOUT_S:
+                continue
+            self._asked.remove(asked)
+            self._say(f"{what}: {text}", urgent, bad=not good)
 
     def look_at_controller(self) -> None:
         """Take the newest state of the controller."""
-        _take(self._control_states)
+        if serves_itself():
+            take(self._control_states)
 
     def emergency_stop(self) -> None:
         """Ask for the emergency stop in software."""
@@ -111,22 +121,8 @@ class GraphView:
         else:
             self._say(f"{what}: nobody offers {client.service_name}", urgent, bad=True)
 
-    def _look_for_answers(self) -> None:
-        for asked in list(self._asked):
-            what, urgent, at, future = asked
-            if future.done():
-                self._asked.remove(asked)
-                good, text = _said(future.result())
-                self._say(f"{what}: {text}", urgent, bad=not good)
-            elif time.monotonic() - at > ANSWER_TIMEOUT_S:
-                self._asked.remove(asked)
-                self._say(f"{what}: NO ANSWER for {ANSWER_TIMEOUT_S:.0f} s", urgent, bad=True)
-
     def _say(self, text: str, urgent: bool, bad: bool) -> None:
         self.answer, self.alarm = f"{text}; use the emergency stop by wire" if urgent and bad else text, bad
-
-    def _note(self, name: str, message: Bool) -> None:
-        setattr(self, name, message.data)
 
     def _on_joint_state(self, message: JointState) -> None:
         try:
@@ -139,11 +135,6 @@ class GraphView:
     def _on_control_state(self, message: ControlState) -> None:
         if len(message.position_rad) == self._n_joints:  # else another arm's
             self.sample = message
-
-
-def _take(subscription: Subscription) -> None:
-    if serves_itself():  # else the executor does it
-        take(subscription)
 
 
 def _said(response: Any) -> tuple[bool, str]:

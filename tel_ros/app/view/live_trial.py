@@ -107,21 +107,16 @@ class LiveTrial:
         time_s, position_rad = sample.time_from_start_s, np.array(sample.position_rad)
         if sample.trial != self.index or time_s < 0.0:
             return
-        if sample.phase in (Phase.RUN, Phase.STOP):
-            self._add_point(time_s, position_rad)
+        share = (time_s - self._last_point_s) / self.duration_s
+        if sample.phase in (Phase.RUN, Phase.STOP) and share >= 1.0 / MEASURED_POINTS:
+            if self._path_rad and share > GAP_SHARE:
+                self._gaps.append(len(self._path_rad))
+            self._path_rad.append(position_rad)
+            self._last_point_s = time_s
         if sample.phase in (Phase.RUN, Phase.HOLD):
             self.error_rad.add(time_s, position_rad - sample.desired_position_rad)
         self.speed_rad_s.add(time_s, np.array(sample.velocity_rad_s))
         self.effort_share.add(time_s, np.array(sample.effort_nm) / self._limit_nm)
-
-    def _add_point(self, time_s: float, position_rad: FloatArray) -> None:
-        share = (time_s - self._last_point_s) / self.duration_s
-        if share < 1.0 / MEASURED_POINTS:
-            return
-        if self._path_rad and share > GAP_SHARE:
-            self._gaps.append(len(self._path_rad))
-        self._path_rad.append(position_rad)
-        self._last_point_s = time_s
 
 
 class History:

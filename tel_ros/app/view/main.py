@@ -8,12 +8,9 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tel_interfaces.action import Practice
 from tel_interfaces.msg import TrialGoal
@@ -27,7 +24,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import TelError
 from tel_ros.nodes.conversions import to_goal
 from tel_ros.nodes.hot_loop import serve_ready
-from tel_ros.nodes.runner import start_ros
+from tel_ros.nodes.runner import client
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.urdf import described
 from tel_ros.recording.waypoint_file import load_path
@@ -108,19 +105,6 @@ class LiveView:
             self._history.end(result, result.message or feedback.reason, self._trial)
 
 
-@contextlib.contextmanager
-def _node(namespace: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    start_ros()
-    node = Node("tel_view", namespace=namespace)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        yield node, executor
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
 def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
     """Show a graph until SIGINT or SIGTERM; print the link. Port 0: any that is free."""
     stopping: list[int] = []
@@ -128,7 +112,8 @@ def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
         signal.signal(number, lambda number, frame: stopping.append(number))
     os.nice(10)  # the processor is for the nodes that move the arm
     out = sys.stdout
-    with contextlib.redirect_stdout(sys.stderr), _node(namespace) as (node, executor):  # viser talks
+    # viser talks
+    with contextlib.redirect_stdout(sys.stderr), client("tel_view", namespace) as (node, executor):
         view = LiveView(config, node, secrets.token_urlsafe(), port)
         try:
             print(f"view    {view.link}", file=out, flush=True)

@@ -63,19 +63,16 @@ class Page:
         self._ranges: dict[str, tuple[float, float]] = {}
         self._said = self._tabled = ""
 
-    def show_arm(self, position_rad: FloatArray) -> None:
-        """Show the arm at joint positions of shape (n_joints,)."""
-        self._pose(self._arm, position_rad)
+    def show_arm(self, position_rad: FloatArray, ghost: bool = False) -> None:
+        """Show the arm, or where it should be, at positions of shape (n_joints,)."""
+        self._posture[self._places] = position_rad
+        (self._ghost if ghost else self._arm).update_cfg(self._posture)
 
     def show_ghost(self, position_rad: FloatArray) -> None:
         """Show where the arm should be; with an empty array, nothing."""
         self._ghost_frame.visible = bool(len(position_rad))
         if len(position_rad):
-            self._pose(self._ghost, position_rad)
-
-    def _pose(self, drawn: ViserUrdf, position_rad: FloatArray) -> None:
-        self._posture[self._places] = position_rad
-        drawn.update_cfg(self._posture)
+            self.show_arm(position_rad, ghost=True)
 
     def show_plan(self, trial: LiveTrial) -> None:
         """Show what a trial is to do, once, when it begins."""
