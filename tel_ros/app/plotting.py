@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
+from tel_ros.recording.shared_files import replacing
 
 PALETTE = {
     "ink": ("#1b1f24", "#e9e7e3"),
@@ -98,11 +98,9 @@ def figure_style(name: str) -> Iterator[None]:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure in one step, so that nobody reads half a file; the ending is .png, .svg or .pdf."""
     kind = path.suffix[1:]
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     # Letters as paths: the SVG looks like the PNG wherever it is shown.
-    with matplotlib.rc_context({"svg.fonttype": "path"}):
-        figure.savefig(beside, format=kind, dpi=200, facecolor=PAPER, metadata=_UNDATED[kind])
-    beside.replace(path)
+    with matplotlib.rc_context({"svg.fonttype": "path"}), replacing(path) as file:
+        figure.savefig(file, format=kind, dpi=200, facecolor=PAPER, metadata=_UNDATED[kind])
 
 
 def inline_svg(figure: Figure, name: str) -> str:

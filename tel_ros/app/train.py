@@ -152,17 +152,10 @@ def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str
     if as_json:
         click.echo(json.dumps(report, indent=2, allow_nan=False))
     else:
-        _show_import(**report)
+        _show_import(report)
 
 
-def _show_import(
-    *,
-    joints: list[dict[str, Any]],
-    recordings: list[dict[str, Any]],
-    held_out: dict[str, Any],
-    cutoff_hz: list[float],
-    **others: Any,
-) -> None:
+def _show_import(report: dict[str, Any]) -> None:
     numbers = {
         "nMSE": ("nmse", ".4f"),
         "RMS error N·m": ("rms_nm", ".3g"),
@@ -178,19 +171,20 @@ def _show_import(
             "{:.2f} … {:.2f}".format(*joint["position_rad"]),
             *("–" if joint[key] is None else format(joint[key], how) for key, how in numbers.values()),
         )
-        for joint in joints
+        for joint in report["joints"]
     ]
-    band = " to ".join(dict.fromkeys(f"{cutoff:.3g}" for cutoff in cutoff_hz))
+    band = " to ".join(dict.fromkeys(f"{cutoff:.3g}" for cutoff in report["cutoff_hz"]))
+    held_out = report["held_out"]
     show(
         table(("joint", "from … to rad", *numbers), rows, left=("joint",)),
         *(
             f"recorded  {r['source']}: {counted(r['n_samples'], 'sample')} in {r['duration_s']:.4g} s, "
             f"{r['rate_hz']:.4g} Hz, jitter {1e3 * r['jitter_s']:.2g} ms"
-            for r in recordings
+            for r in report["recordings"]
         ),
-        f"learned   {others['learned_s']:.4g} s in {counted(others['unbroken_parts'], 'unbroken part')}, "
-        f"up to {band} Hz, by {others['learner']}",
+        f"learned   {report['learned_s']:.4g} s in {counted(report['unbroken_parts'], 'unbroken part')}, "
+        f"up to {band} Hz, by {report['learner']}",
         f"held out  mean nMSE {held_out['mean_nmse']:.4f}: {held_out['blocks']} blocks of "
         f"{held_out['block_s']:.3g} s, every fifth not learned from in turn",
-        f"network   {others['network']} (predicts torque; revision {others['revision']})",
+        f"network   {report['network']} (predicts torque; revision {report['revision']})",
     )

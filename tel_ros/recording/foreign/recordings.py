@@ -21,9 +21,9 @@ from tel_ros.recording.any_bag import open_any_bag, reading
 from tel_ros.recording.cdr import time_ns
 from tel_ros.recording.data_files import DATA_FILES, data_kind
 from tel_ros.recording.foreign.csv_files import read_csv_recording
-from tel_ros.recording.foreign.joint_messages import Stamped, merged_states
 from tel_ros.recording.foreign.plausible import JointRange, require_plausible
 from tel_ros.recording.foreign.renaming import Renaming, advice
+from tel_ros.recording.joint_states import Stamped, merged_states
 from tel_ros.recording.topics import JOINT_STATE
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
