@@ -145,7 +145,11 @@ class NodeProcesses:
             if code is not None:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
                 exit_code = EXIT_BAD_INPUT if code == EXIT_BAD_INPUT else EXIT_GRAPH_FAILED
-                raise GraphError(f"node {name} {how}{self._last_words(name)}", exit_code)
+                time.sleep(0.1)
+                log = self._log_folder / f"{name}.log"
+                lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+                said = f"; it said last: {lines[-1]} (log: {log})" if lines else f" (log: {log})"
+                raise GraphError(f"node {name} {how}{said}", exit_code)
 
     def brake(self) -> None:
         """Have the controller brake before anything else happens, and the run end."""
@@ -199,12 +203,6 @@ class NodeProcesses:
         with suppress(BrokenPipeError), process.stdin as told:  # broken: it has ended, as check() will find
             told.write(order(arguments, log.absolute()))
         return process
-
-    def _last_words(self, name: str) -> str:
-        time.sleep(0.1)
-        log = self._log_folder / f"{name}.log"
-        lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        return f"; it said last: {lines[-1]} (log: {log})" if lines else f" (log: {log})"
 
 
 def die_with_parent(parent: int) -> None:

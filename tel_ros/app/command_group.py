@@ -109,7 +109,8 @@ class CommandGroup(LazyGroup):
                 stream.reconfigure(errors="replace")  # not every terminal has an α
         try:
             with warnings.catch_warnings():
-                warnings.showwarning = _one_line
+                # As a person reads it: without the line of code that gave it.
+                warnings.showwarning = lambda said, *_, **__: click.echo(f"warning: {said}", err=True)
                 return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
@@ -125,11 +126,6 @@ class CommandGroup(LazyGroup):
             end(f"this {missing_module(error)}", EXIT_GRAPH_FAILED)
         except Exception as error:
             _end_unexpected(error)
-
-
-def _one_line(message: Warning | str, *where: object, **line: object) -> None:
-    """Show a warning as a person reads it: without the line of code that gave it."""
-    click.echo(f"warning: {message}", err=True)
 
 
 def missing_module(error: ModuleNotFoundError) -> str:

@@ -125,6 +125,9 @@ class _Layout:
         self._raw = None
         self._pick = itemgetter(*self._fixed)
         self._expected = self._pick(self._template)
+        ends = [0, *(place.stop for place in self._changing)]
+        starts = [place.start for place in self._changing]
+        self._before = [self._template[end:start] for end, start in zip(ends, starts, strict=False)]
 
     def fields(self, raw: bytes) -> list[Any] | None:
         """Return what changes, or None if a message has another layout."""
@@ -137,9 +140,10 @@ class _Layout:
 
     def pack(self, *changing: Sequence[Any]) -> bytes:
         """Return a message; struct.error: another number of values than the layout has."""
-        fields = self._template.copy()
-        for place, values in zip(self._changing, changing, strict=True):
-            fields[place] = values
+        fields: list[Any] = []
+        for before, values in zip(self._before, changing, strict=True):
+            fields += before
+            fields += values
         return self._format.pack(*fields)
 
 

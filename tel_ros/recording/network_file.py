@@ -124,6 +124,8 @@ def _restored(file: np.lib.npyio.NpzFile, path: Path) -> Learner:
     made: dict[str, Any] = {
         "input_range": InputRange(low, high),
         "learning": LearningConfig(**described["learning"]),
+        "seed": int(described["seed"]),
+        "urdf": described["urdf"],
     }
     plain = {key: tuple(value) if isinstance(value, list) else value for key, value in described.items()}
     context = LearnerContext(**plain | made)

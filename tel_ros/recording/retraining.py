@@ -145,20 +145,18 @@ def _relearned(
         learner, training = after or (learner, None)
         error_rad = trial.position_rad[trial.run] - trial.desired[trial.run, : len(trial.joints)]
         nothing = dict.fromkeys(field.name for field in fields(TrainingOutcome)) | {"grown": ()}
-        yield (
-            learner,
-            {
-                "bag": str(bag),
-                "index": report.index,
-                "duration_s": report.duration_s,
-                "outcome": report.outcome.text,
-                "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
-                **json_ready(asdict(training) if training else nothing),
-                "commanded_by": values.get(REVISION, ""),
-                "network_before": before,
-                "note": "; ".join(filter(None, [*notes, why_not])),
-            },
-        )
+        row = {
+            "bag": str(bag),
+            "index": report.index,
+            "duration_s": report.duration_s,
+            "outcome": report.outcome.text,
+            "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,
+            **json_ready(asdict(training) if training else nothing),
+            "commanded_by": values.get(REVISION, ""),
+            "network_before": before,
+            "note": "; ".join(filter(None, [*notes, why_not])),
+        }
+        yield learner, row
         if report.index in wanted:
             kept[run, report.index] = learner
 

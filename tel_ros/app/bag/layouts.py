@@ -43,19 +43,8 @@ _UNIT_AXIS_M = 0.2
 
 def write_layouts(export: Export) -> tuple[Path, Path]:
     """Write the layouts beside the exported file, and return that of Foxglove and that of PlotJuggler."""
-    foxglove, plotjuggler = (export.folder / name for name in (FOXGLOVE_LAYOUT, PLOTJUGGLER_LAYOUT))
-    values = _values(export)
-    for file in (foxglove, plotjuggler):
-        try:
-            write_atomically(file, template(f"{file.name}.j2").render(values) + "\n")
-        except OSError as error:
-            raise InputFileError(file, f"cannot be written ({error.strerror})", "room on the disk") from error
-    return foxglove, plotjuggler
-
-
-def _values(export: Export) -> dict[str, object]:
     reach_m = max(export.arm.reach_m, 0.05)
-    return {
+    values = {
         "joints": export.arm.config.joints,
         "root": export.arm.root,
         "file": export.file.name,
@@ -69,6 +58,13 @@ def _values(export: Export) -> dict[str, object]:
         "axis_m": round(_AXIS * reach_m, 4),
         "axis_scale": round(_AXIS * reach_m / _UNIT_AXIS_M, 3),
     }
+    foxglove, plotjuggler = (export.folder / name for name in (FOXGLOVE_LAYOUT, PLOTJUGGLER_LAYOUT))
+    for file in (foxglove, plotjuggler):
+        try:
+            write_atomically(file, template(f"{file.name}.j2").render(values) + "\n")
+        except OSError as error:
+            raise InputFileError(file, f"cannot be written ({error.strerror})", "room on the disk") from error
+    return foxglove, plotjuggler
 
 
 def _name_in(export: Export, topic: str) -> str:

@@ -12,19 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tel_ros import __version__
-from tel_ros.app.plotting import (
-    BLUE,
-    BROKEN_OFF,
-    GREEN,
-    INK,
-    ORANGE,
-    PURPLE,
-    WIDTH_IN,
-    broken_off,
-    key,
-    legend_below,
-    scale_errors,
-)
+from tel_ros.app import plotting as plot
 from tel_ros.app.report import figures, text
 from tel_ros.app.report.data import DrawnTrial, RunData, TrialRow, read_run
 from tel_ros.app.report.page import Content, Section, block, write_page
@@ -32,7 +20,7 @@ from tel_ros.core.errors import InputFileError
 from tel_ros.recording.config_file import flat_values
 
 _TEMPLATE = "runs.html.j2"
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, INK)
+_COLOURS = (plot.BLUE, plot.ORANGE, plot.GREEN, plot.PURPLE, plot.INK)
 _MARKS = (("o", "-"), ("s", "--"))
 MOST_RUNS = len(_COLOURS) * len(_MARKS)
 """More cannot be told apart."""
@@ -96,7 +84,7 @@ def _table(macro: str, **more: Callable[[Runs], Any]) -> Callable[[Runs], Conten
 
 def errors_figure(data: Runs) -> Figure:
     """Return the RMS error of several runs, over their trials and over the duration of the movement."""
-    figure, rows = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained"), []
+    figure, rows = Figure(figsize=(plot.WIDTH_IN, 3.0), layout="constrained"), []
     over_trials, over_durations = figure.subplots(1, 2, sharey=True)
     for look, run in zip(data.looks, data.runs, strict=True):
         moved = [row for row in run.trials if row.reached_run]
@@ -104,16 +92,16 @@ def errors_figure(data: Runs) -> Figure:
         for axes, place in ((over_trials, "index"), (over_durations, "duration_s")):
             axes.plot([getattr(row, place) for row in moved], [row.rms_error_rad for row in moved], **look)
             for row in (row for row in moved if not row.completed):
-                axes.plot(getattr(row, place), row.rms_error_rad, **(BROKEN_OFF | {"markersize": 8.0}))
+                axes.plot(getattr(row, place), row.rms_error_rad, **(plot.BROKEN_OFF | {"markersize": 8.0}))
     if any(row.rms_error_rad > 0.0 for row in rows):
-        scale_errors(over_trials)
+        plot.scale_errors(over_trials)
     figures.count_trials(over_trials)
     over_trials.set(title="Trial by trial", ylabel="RMS error [rad]")
     over_durations.grid(axis="y")
     over_durations.set_axisbelow(True)
     over_durations.set(title="At each speed: faster to the right", xlabel="duration of the movement [s]")
     over_durations.invert_xaxis()
-    legend_below(figure, *_legend(data, rows))
+    plot.legend_below(figure, *_legend(data, rows))
     return figure
 
 
@@ -126,14 +114,14 @@ def last_trials_figure(data: Runs) -> Figure:
                 axes, trial, joint, {"markeredgecolor": look["color"]}, **(look | {"marker": ""})
             )
         axes.set_ylabel("actual − desired [rad]")
-    legend_below(figure, *_legend(data, [trial.summary for trial in data.last]))
+    plot.legend_below(figure, *_legend(data, [trial.summary for trial in data.last]))
     return figure
 
 
 def _legend(data: Runs, trials: Sequence[TrialRow]) -> list[list[Line2D]]:
     """Return rows of entries."""
-    entries = [key(name, **look) for look, name in zip(data.looks, data.names, strict=True)]
-    entries += broken_off(trials)
+    entries = [plot.key(name, **look) for look, name in zip(data.looks, data.names, strict=True)]
+    entries += plot.broken_off(trials)
     return [entries[first : first + _LEGEND_COLUMNS] for first in range(0, len(entries), _LEGEND_COLUMNS)]
 
 

@@ -91,8 +91,8 @@ def result(run: RunData) -> str:
 
 
 def _error(trial: TrialRow) -> str:
-    how = "" if trial.completed else f", {trial.outcome.text}"
     error = f"{significant(trial.rms_error_rad)}\N{NO-BREAK SPACE}rad"
+    how = "" if trial.completed else f", {trial.outcome.text}"
     return f"{error} (trial {trial.index}, {seconds(trial.duration_s)}{how})"
 
 

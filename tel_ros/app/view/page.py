@@ -146,7 +146,10 @@ class Page:
 
     def _robots(self, arm: ArmConfig) -> tuple[ViserUrdf, ViserUrdf]:
         try:
-            urdf = _load(arm)
+            text = plain_urdf(described(arm), mesh=partial(mesh_file, Path(arm.urdf)))
+            urdf = yourdfpy.URDF.load(
+                io.BytesIO(text.encode()), filename_handler=str, build_collision_scene_graph=False
+            )
             self._server.scene.add_frame("/arm", show_axes=False)
             self._ghost_frame = self._server.scene.add_frame("/ghost", show_axes=False, visible=False)
             drawn = ViserUrdf(self._server, urdf, root_node_name="/arm")
@@ -214,12 +217,6 @@ class Page:
         )
         self._table = gui.add_html("")
         return made
-
-
-def _load(arm: ArmConfig) -> yourdfpy.URDF:
-    text = plain_urdf(described(arm), mesh=partial(mesh_file, Path(arm.urdf)))
-    file = io.BytesIO(text.encode())
-    return yourdfpy.URDF.load(file, filename_handler=str, build_collision_scene_graph=False)
 
 
 def _inset(html: str) -> str:

@@ -35,7 +35,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.typing import Origin, Subprotocol
+from websockets.typing import Origin
 
 from tel_ros.app.view import ViewError
 
@@ -121,7 +121,10 @@ class OwnersServer:
                 sock=listener,
                 process_request=self._answer,
                 origins=[Origin(f"http://{host}") for host in self._hosts],
-                select_subprotocol=_viewer,
+                # The protocol names viser's version, which viser checks.
+                select_subprotocol=lambda _, offered: next(
+                    (name for name in offered if name.startswith("viser-v")), None
+                ),
                 compression=None,
                 max_size=2**16,  # where a camera is, or a click, needs less
             ):
@@ -224,11 +227,6 @@ def _listener(port: int) -> socket.socket:
         listener.close()
         raise ViewError(f"port {port} cannot be used for the live view ({error}); try --port") from None
     return listener
-
-
-def _viewer(connection: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
-    """Choose the protocol that names viser's version; viser checks it."""
-    return next((name for name in offered if name.startswith("viser-v")), None)
 
 
 def _fetch(file: Path, request: Request) -> Response:

@@ -27,23 +27,22 @@ _TABLE_STYLE = (
 
 def trials_html(trials: Sequence[tuple[TrialResult, str]]) -> str:
     """Return the table of the trials that have ended, each with its reason, the newest first."""
-    rows = "".join(_row(result, reason) for result, reason in reversed(trials))
+    rows = ""
+    for trial, reason in reversed(trials):
+        ended = "" if trial.outcome == Outcome.COMPLETED else Outcome(trial.outcome).text
+        times = f"{trial.alpha:.3f}", f"{trial.duration_s:.2f}"
+        cells = (
+            f"{trial.index}",
+            *times,
+            fixed(trial.rms_error_rad, 4),
+            fixed(trial.max_error_rad, 3),
+            ended,
+        )
+        rows += f'<tr title="{escape(reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
     if not rows:
         return '<p data-testid="trials">No trial has ended since this page was opened.</p>'
     head = "<tr><th>trial</th><th>α</th><th>time s</th><th>RMS rad</th><th>max rad</th><th></th></tr>"
     return f'{_TABLE_STYLE}<table class="tel" data-testid="trials">{head}{rows}</table>'
-
-
-def _row(trial: TrialResult, reason: str) -> str:
-    cells = (
-        str(trial.index),
-        f"{trial.alpha:.3f}",
-        f"{trial.duration_s:.2f}",
-        fixed(trial.rms_error_rad, 4),
-        fixed(trial.max_error_rad, 3),
-        "" if trial.outcome == Outcome.COMPLETED else Outcome(trial.outcome).text,
-    )
-    return f'<tr title="{escape(reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
 
 
 def status_html(graph: GraphView, said: Practice.Feedback) -> str:
