@@ -128,7 +128,7 @@ class SafetyConfig(Checked):
     for drives whose reports cannot be trusted."""
     stiction_nm: tuple[Positive, ...] = ()
     """Effort under which a joint may stick: readings that stand still beyond it are taken for frozen. Empty:
-    5 % of the effort limit."""
+    5 % of the effort limit, and at least 1.5 times the dry friction in the URDF, or of the simulated arm."""
 
     def require_fits(self, arm: ArmConfig) -> None:
         """Refuse values that do not fit an arm whose empty limits have been filled from its URDF.

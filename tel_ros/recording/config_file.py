@@ -21,6 +21,7 @@ from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.plain_urdf import check_dynamics
 from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.safety.monitors import FrozenReadings
 from tel_ros.recording.shared_files import missing, named_file
 from tel_ros.recording.urdf import described
 
@@ -229,8 +230,11 @@ def _with_urdf_limits(config: Config, source_of: SourceOf) -> Config:
         filled = dataclasses.replace(config, arm=arm.filled(config.arm))
     except ConfigError as error:
         raise error.inside("", source_of(error.key)) from None
+    friction_nm = arm.coulomb_friction_nm
     if config.run.arm == "sim":
+        friction_nm = config.sim.coulomb_friction_nm or friction_nm
         check_dynamics(arm, config.arm.hand_link, config.sim.payload_kg)
     if arm.assumed:
         warnings.warn(f"{Path(config.arm.urdf).name}: {arm.assumed}", stacklevel=3)
-    return filled
+    stiction_nm = filled.safety.stiction_nm or FrozenReadings.stiction_nm(filled.arm, friction_nm)
+    return dataclasses.replace(filled, safety=dataclasses.replace(filled.safety, stiction_nm=stiction_nm))

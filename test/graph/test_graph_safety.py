@@ -61,7 +61,7 @@ def test_an_arm_that_is_to_be_held_at_the_end_is_held_after_a_stop_and_after_the
     graph: StartGraph,
 ) -> None:
     # Friction keeps the springs of the brake deflected: so it shows that they are not let go.
-    sticky = ("sim.coulomb_friction_nm=[1.0, 1.0]", "safety.stiction_nm=[1.5, 1.5]")
+    sticky = ("sim.coulomb_friction_nm=[1.0, 1.0]",)
     running = graph(["sim_bridge", "ep_controller"], *PATIENT, "safety.final_effort=hold", *sticky)
     states = running.listen(ControlState, topics.CONTROL_STATES, depth=10_000)
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)

@@ -319,3 +319,12 @@ def test_the_shape_cannot_vary_without_a_known_path(make_practice: MakePractice)
     with pytest.raises(ConfigError, match="known path"):
         practice.run_trial(planned(Movement(9.0, shape=0.5)))
     assert practice.arm.plant.time_ns == 0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_joints_with_gears_that_stick_practise_and_are_not_taken_for_frozen(
+    make_practice: MakePractice, share: float
+) -> None:
+    friction = f"sim.coulomb_friction_nm={[20.0 * share] * 2}"
+    practice = make_practice(friction, "practice.trials=2", "practice.durations_s=[6.0, 5.0]")
+    assert [trial.report.outcome for trial in practice.run()] == [Outcome.COMPLETED] * 2

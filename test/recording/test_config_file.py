@@ -50,6 +50,15 @@ def test_the_limits_of_the_joints_come_from_the_urdf(config: Config) -> None:
     assert config.arm.velocity_limit_rad_s == (15.0, 15.0)
 
 
+def test_what_may_hold_a_joint_comes_from_its_dry_friction_where_that_is_known(config_folder: Path) -> None:
+    run = config_folder / "run.yaml"
+    much, little = "sim.coulomb_friction_nm=[2.0, 0.1]", "sim.coulomb_friction_nm=[0.5, 0.1]"
+    assert load_config(run, [much]).safety.stiction_nm == (3.0, 1.0)
+    assert load_config(run, [little]).safety.stiction_nm == ()
+    assert load_config(run, [much, "run.arm=external"]).safety.stiction_nm == ()
+    assert load_config(run, [much, "safety.stiction_nm=[4.0, 4.0]"]).safety.stiction_nm == (4.0, 4.0)
+
+
 def test_limits_in_the_arm_description_take_the_place_of_the_urdfs(edit: Edit) -> None:
     file = edit("arms/two_link.yaml", "hand_link: hand\n", "hand_link: hand\nvelocity_limit_rad_s: [3, 4]\n")
     arm = load_config(file).arm

@@ -43,6 +43,9 @@ class FrozenJoint:
     jitter: float = 0.0
     pulled_s: float = 0.0
     """Since then: the velocity's integral, its noise; how long the effort has been far from what it was."""
+    turns: int = 0
+    rises: bool = False
+    """How often the velocity has turned round since then (a filter's decay never does); where it went."""
     effort_nm: float = 0.0
     pull_nm: float | None = None
     """When it had stood for a few states: what acted, and how hard the spring alone pulled elsewhere."""
@@ -52,6 +55,9 @@ class FrozenJoint:
         if not self.stood_for:
             self.position_ns = since_ns
             self.moved_rad = self.jitter = self.pulled_s = 0.0
+            self.turns = 0
+        if v != before and (v > before) != self.rises:
+            self.turns, self.rises = self.turns + 1, v > before
         self.stood_for += 1
         self.moved_rad += v * step_s
         self.jitter += (step_s * (v - before)) ** 2
@@ -72,8 +78,8 @@ class FrozenReadings:
       or by a little, where the velocity is the same as well and not zero, or where velocities are estimated
       from positions and the joint has stopped dead. It must act for long enough to move all the inertia that
       the springs can damp (:func:`~.motion_rules.largest_inertia`). Not beyond a soft limit, where a joint
-      may lean on a stop. The effort alone tells nothing: what was learned holds a joint still while others
-      pull at it.
+      may lean on a stop; not where a noisy velocity tells that the joint stands. The effort alone tells
+      nothing: what was learned holds a joint still while others pull at it.
 
     An encoder at rest gives the same position for ever, and a slow one with 12 bits does for 0.1 s: neither
     contradicts itself. Position drives have no springs to wind up here: their efforts are not judged.
@@ -93,6 +99,10 @@ class FrozenReadings:
     """A joint that covered so many steps, and the least distance above, in the time of the patience does not
     stop between two states."""
     STICTION_SHARE, LITTLE_SHARE, MOVES_RAD_S = 0.05, 0.01, 0.003
+    STICTION_FACTOR = 1.5
+    """What may hold a joint at rest, by the dry friction that is known of it."""
+    WITNESS_TURNS = 6
+    """A velocity that has turned round so often since the position stands is measured on its own."""
     PULLED_S, PULLED_STEPS, USUAL_STEP_RAD = 0.012, 2.0, 1e-4
     """For how long an effort has to pull, longer than noise; how far it should have moved a joint, in steps
     of its encoder, or of one with 16 bits until a step has been seen."""
@@ -109,6 +119,15 @@ class FrozenReadings:
         self._last_ns = 0
         self.fault = ""
         """Which readings contradict each other, in words; empty: none do."""
+
+    @classmethod
+    def stiction_nm(cls, arm: ArmConfig, friction_nm: Sequence[float]) -> tuple[float, ...]:
+        """Return ``safety.stiction_nm`` for joints with so much dry friction; empty: the usual is enough."""
+        usual_nm = [cls.STICTION_SHARE * limit for limit in arm.effort_limit_nm]
+        needed_nm = [cls.STICTION_FACTOR * friction for friction in friction_nm]
+        if all(needed <= usual for needed, usual in zip(needed_nm, usual_nm, strict=True)):
+            return ()
+        return tuple(map(max, needed_nm, usual_nm))
 
     def look(
         self,
@@ -185,10 +204,13 @@ class FrozenReadings:
             if (told_long and abs(v) > self.MOVES_RAD_S) or (state.estimated and dead):
                 stuck_nm = self._little_nm[j]
             else:
-                hint = " (or it sticks: then safety.stiction_nm has to be more)"
+                now_nm = self._stiction_nm[j]
+                hint = f" (or it sticks: then safety.stiction_nm, now {now_nm:g}, has to be more)"
                 came = joint.position - joint.was_at
-                stuck_nm = self._stiction_nm[j] * (2.0 if came * change_nm < 0.0 else 1.0)
+                stuck_nm = now_nm * (2.0 if came * change_nm < 0.0 else 1.0)
                 pulled_nm = pulled_nm if pulled_nm * change_nm > 0.0 else 0.0
+                if told_for < self.STATES and joint.turns >= self.WITNESS_TURNS and not state.estimated:
+                    stuck_nm = math.inf
             pulls = min(abs(change_nm), abs(pulled_nm)) > stuck_nm
             joint.pulled_s = joint.pulled_s + step_s if pulls else 0.0
             way_rad = 0.5 * abs(change_nm) / self._inertia_kgm2[j] * joint.pulled_s**2
@@ -253,7 +275,7 @@ class FirstMotion:
             elif not -strongs[j] < effort < strongs[j] and self._swings_about(joint, q, effort > 0.0, now_s):
                 found = (
                     f"the effort of {self._joints[j]} swings from side to side: it moves faster than it can "
-                    "have been pulled (a unit that is wrong, or too much damping for so light a joint)"
+                    "have been pulled (a unit that is wrong, noise, or too much damping for so light a joint)"
                 )
             joint.away, joint.before = away, q
         self._last_s = now_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,6 +142,29 @@ def test_a_joint_that_leans_on_its_stop_is_not_frozen(position_rad: float, is_fr
         if layer.readings.fault:
             break
     assert bool(layer.readings.fault) == is_frozen
+
+
+@pytest.mark.parametrize(
+    ("velocity", "is_frozen"),
+    [
+        (lambda k: 0.0, True),
+        (lambda k: (-1.0) ** k * 2e-3, False),
+        (lambda k: (-1.0) ** k * 2e-3 if k < 120 else 2e-3, True),
+        (lambda k: 0.04 * 0.9**k, True),
+    ],
+    ids=["none", "noise", "noise that freezes as well", "what a filter makes of a position that is frozen"],
+)
+def test_a_joint_whose_velocity_tells_that_it_stands_may_stick_however_hard(
+    velocity: Callable[[int], float], is_frozen: bool
+) -> None:
+    layer = SafetyLayer(arm_config(), SafetyConfig(), 500.0)
+    for k in range(200):
+        where = ArmState(2_000_000 * (k + 1), np.array([0.1, 0.0]), np.array([velocity(k), 0.0]))
+        pull_nm = np.array([0.05 * k, 0.0])
+        layer.permit(where, pull_nm, pull_nm.item)
+        if layer.readings.fault:
+            break
+    assert ("the readings of shoulder are frozen" in layer.readings.fault) == is_frozen
 
 
 def test_a_joint_that_learned_efforts_hold_still_while_others_pull_at_it_is_not_frozen() -> None:
