@@ -1,11 +1,8 @@
 """A simulated arm that keeps the promises of a real one behind ros2_control, without ROS.
 
-Time passes in control periods, in this order:
-
-1. :meth:`SimulatedArm.reading` tells the state at time t, and the effort that acted until t.
-2. :meth:`SimulatedArm.step` takes the command for t. It is clipped, waits for the command delay (if any) and
-   then acts, constant, until t + period. So the state at t never feels the command of t.
-3. Time is t + period, and there is a new reading. Between two steps the reading stays the same.
+Time passes in control periods. :meth:`SimulatedArm.reading` tells the state at time t, and the effort that
+acted until t. :meth:`SimulatedArm.step` takes the command for t: it is clipped, waits for the command delay
+(if any) and then acts, constant, until t + period. So the state at t never feels the command of t.
 
 With ``arm.command_interface: position`` the command is a set point, and what acts until t + period is what
 the drive makes of it at the rate of the physics.
@@ -16,13 +13,13 @@ Equal configuration, seed and commands give bit-identical readings, in any proce
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from fractions import Fraction
 from functools import partial
 from typing import NamedTuple
 
-from sim_bridge.actuators import CommandDelay, PositionDrive
 from sim_bridge.physics import ArmPhysics, SimulationError
 from sim_bridge.sensors import JointSensors
 from tel_ros.core.config import ArmConfig, JointValues, SimConfig
@@ -47,10 +44,23 @@ class ArmReading(NamedTuple):
     """What the motors did until ``time_ns``, for one period (where drives take positions: one physics step):
     after clipping and delay, before friction."""
 
-    @property
-    def time_s(self) -> float:
-        """Arm time since the start in seconds."""
-        return self.time_ns * 1e-9
+
+class PositionDrive(NamedTuple):
+    """The control law τ = K (u - q) - B q̇ with |τ| limited, as a drive evaluates it at its own, high rate.
+
+    Its position and velocity are the true ones: a drive measures finer than what the joint states tell.
+    """
+
+    stiffness_nm_per_rad: JointValues
+    damping_nms_per_rad: JointValues
+    effort_limit_nm: JointValues
+
+    def effort_nm(
+        self, set_point_rad: JointValues, position_rad: JointValues, velocity_rad_s: JointValues
+    ) -> JointValues:
+        """Return the torque of each motor at a state, for a set point u."""
+        rows = zip(*self, set_point_rad, position_rad, velocity_rad_s, strict=True)
+        return tuple(max(-limit, min(limit, k * (u - q) - b * v)) for k, b, limit, u, q, v in rows)
 
 
 class SimulatedArm(AbstractContextManager["SimulatedArm"]):
@@ -58,12 +68,9 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
 
     Drives that take set points hold the initial posture at first.
 
-    Args:
-        arm: names, effort limits and URDF of the arm. The weaker of its effort limit and the URDF's applies.
-        sim: how to simulate it. Friction in it replaces the URDF's; ``inertia_scale`` applies to the links,
-            not to the payload.
-        rate_hz: control rate.
-        seed: of the sensor noise.
+    The weaker of the arm's effort limit and the URDF's applies. Friction in ``sim`` replaces the URDF's;
+    ``inertia_scale`` applies to the links, not to the payload. ``rate_hz``: of control; ``seed``: of the
+    sensor noise.
 
     Raises:
         InputFileError: the URDF cannot be read or simulated.
@@ -96,7 +103,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         if abs(delay - round(delay)) > 1e-6:
             expected = f"a whole multiple of the control period {1.0 / rate_hz:g} s"
             raise ConfigError("sim.command_delay_s", sim.command_delay_s, expected)
-        self._delay = CommandDelay(round(delay), self._zero)
+        self._on_the_way = deque([self._zero] * round(delay))
         self._sensors = JointSensors(len(arm.joints), sim, period_s=1.0 / rate_hz, seed=seed)
         start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, *stops_rad)
         self._check_position("sim.initial_position_rad", start_rad)
@@ -132,11 +139,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         return self._reading
 
     def step(self, command: Sequence[float]) -> None:
-        """Take a command and let one control period pass.
-
-        Args:
-            command: torque of each motor in N·m, clipped to ``effort_limit_nm``; or with position drives the
-                set point of each in rad. Shape (n_joints,).
+        """Take the torque of each motor in N·m, or a drive's set point in rad, and let one period pass.
 
         Raises:
             CommandError: wrong length or not finite. Nothing is applied and no time passes.
@@ -153,29 +156,24 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             limited = zip(values, self.effort_limit_nm, strict=True)
             values = tuple([max(-limit, min(limit, value)) for value, limit in limited])
         self._newest = values
-        self._advance(self._delay.pass_through(values))
+        self._on_the_way.append(values)
+        self._advance(self._on_the_way.popleft())
 
     def coast(self) -> None:
         """Let one control period pass without a command, and drop those on their way: the motors are off.
 
-        But position drives go on with the newest set point.
-
-        Raises:
-            SimulationError: the simulation was closed, or is no longer finite.
+        But position drives go on with the newest set point. Raises SimulationError like :meth:`step`.
         """
-        if self._drive is not None:
-            self._advance(self._delay.pass_through(self._newest))
-            return
-        self._delay.clear(self._zero)
-        self._advance(self._zero)
+        if self._drive is None:
+            self._newest = self._zero
+            self._forget_commands()
+        self._on_the_way.append(self._newest)
+        self._advance(self._on_the_way.popleft())
 
     def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         """Put the arm into a state, for tests and studies. Commands on their way are dropped; time stays.
 
-        Position drives hold the new posture.
-
-        Raises:
-            ConfigError: wrong length, not finite or out of range.
+        Position drives hold the new posture. ConfigError: wrong length, not finite or out of range.
         """
         self._check_position("position_rad", position_rad)
         if len(velocity_rad_s) != len(self._zero) or not all(map(math.isfinite, velocity_rad_s)):
@@ -183,11 +181,15 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             raise ConfigError("velocity_rad_s", list(velocity_rad_s), expected)
         self._physics.set_state(position_rad, velocity_rad_s)
         self._newest = self._zero if self._drive is None else tuple(position_rad)
-        self._delay.clear(self._newest)
+        self._forget_commands()
         self.true_position_rad, self.true_velocity_rad_s = self._physics.state()
         """Without sensors, for tests and studies."""
         self._sensors.start(self.true_position_rad, self.true_velocity_rad_s)
         self._reading = self._new_reading(self._zero)
+
+    def _forget_commands(self) -> None:
+        """Have the newest command arrive instead of those that are on their way."""
+        self._on_the_way = deque([self._newest] * len(self._on_the_way))
 
     def _advance(self, command: JointValues) -> None:
         if self._drive is None:

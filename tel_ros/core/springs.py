@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.types import FloatArray
@@ -85,6 +87,11 @@ class Springs:
             self.stiffness_nm_per_rad * (equilibrium_rad - position_rad)
             - self.damping_nms_per_rad * velocity_rad_s
         )
+
+    def pull(self, wanted_rad: FloatArray, state: ArmState) -> Callable[[int], float]:
+        """Return how hard the spring of a joint, by its number, pulls to a position in N·m, if asked."""
+        stiffness, positions = self.stiffness_nm_per_rad, state.positions
+        return lambda j: float(stiffness[j] * (wanted_rad[j] - positions[j]))
 
     def equilibrium(
         self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray

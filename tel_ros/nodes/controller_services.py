@@ -95,7 +95,7 @@ class TrialServer:
             feedback = ExecuteTrial.Feedback(
                 phase=int(controller.phase),
                 time_from_start_s=controller.time_from_start_s,
-                max_error_rad=controller.max_error_rad,
+                max_error_rad=controller.course.score.max_error_rad,
             )
             self._goal_handle.publish_feedback(feedback)
 

@@ -63,7 +63,7 @@ class EpControllerNode(ManagedNode):
         self._interface = arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
         self._rest_speed_rad_s = control.settle_speed_rad_s
-        self._rest = RestDetector(self._rest_speed_rad_s, control.settle_time_s)
+        self._rest = RestDetector.of(control)
         self._rests = False
         self._answers_between_trials = not waits
         self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s

@@ -77,14 +77,13 @@ def spin_hot(
     pace: Pace | None = None,
     turn_period_s: float = TURN_PERIOD_S,
 ) -> None:
-    """Spin a node until ``done``.
+    """Spin a node, which has been added to the executor, until ``done``.
 
     Args:
-        node: whose subscriptions they are; it has been added to the executor.
-        executor: for everything else.
-        subscriptions: the busy ones, of a :class:`BusyGroup`; empty: the executor does all the work.
-        done: looked at whenever something has happened, and fifty times a second (without busy subscriptions
-            five times).
+        node: whose subscriptions they are.
+        executor: for everything else, or for all without busy subscriptions.
+        subscriptions: the busy ones, of a :class:`BusyGroup`.
+        done: asked whenever something has happened, and fifty times a second (five without busy ones).
         batch_s: how long to let messages gather before they are taken together.
         pace: what has to be done in time.
         turn_period_s: how long everything else may wait while messages keep coming. A turn costs 1 to 2 ms.

@@ -35,16 +35,9 @@ class DeclinedError(NoAnswerError):
 
 
 def wait(future: Future, timeout_s: float, what: str, poll: Callable[[], None] = lambda: None) -> Any:
-    """Return a future's result; some other thread has to spin the node.
+    """Return a future's result, or raise SilenceError; some other thread has to spin the node.
 
-    Args:
-        future: of the answer.
-        timeout_s: wall clock.
-        what: is asked, for the message.
-        poll: called ten times a second meanwhile; may raise to end the waiting.
-
-    Raises:
-        SilenceError: the time is over.
+    ``what`` is asked, for the message. ``poll`` is called ten times a second; it may raise to end this.
     """
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
@@ -64,17 +57,10 @@ def ask(
     poll: Callable[[], None] = lambda: None,
     again_s: float = math.inf,
 ) -> Any:
-    """Call a service, once it is there, and return its response.
+    """Call a service and return its response; NoAnswerError: it is not there or does not answer in time.
 
-    Args:
-        client: of the service.
-        request: what to ask.
-        timeout_s: for the service to be there, and for its answer.
-        poll: as for :func:`wait`.
-        again_s: after how long without an answer to ask once more; only for what may be done twice.
-
-    Raises:
-        NoAnswerError: it is not there or does not answer in time.
+    The time-out counts for either. ``again_s``: after how long without an answer to ask once more; only for
+    what may be done twice.
     """
     waited_s = 0.0
     while not client.service_is_ready():
@@ -99,10 +85,7 @@ def meet(clients: Sequence[Client], timeout_s: float, poll: Callable[[], None]) 
 
     A service that does not know where its client hears answers drops them (rmw_fastrtps, after 0.1 s),
     although the client sees the service. Discovery tells of a process's endpoints in the order in which they
-    were made: who has answered the client that was made last knows all of them.
-
-    Raises:
-        NoAnswerError: a node is not there or does not answer in time.
+    were made: who has answered the client that was made last knows all of them. Raises like :func:`ask`.
     """
     for client in clients:
         ask(client, GetParameters.Request(), timeout_s, poll, AGAIN_S)
@@ -112,12 +95,7 @@ class Liveness:
     """Asks another node for no parameters, again and again, and notes whether it answers.
 
     Only for nodes whose executor has a thread to spare: one that computes in its only thread looks dead. The
-    first answer tells what :func:`meet` waits for.
-
-    Args:
-        node: that asks; its owner spins it.
-        name: of the node that is asked.
-        clock: tells the time in s.
+    first answer tells what :func:`meet` waits for. ``node`` asks, and its owner spins it.
     """
 
     def __init__(self, node: Node, name: str, clock: Callable[[], float] = time.monotonic) -> None:

@@ -45,7 +45,7 @@ def dead_drive(config: Config, dead_s: float = DEAD_S) -> Episode:
     since_s = stopped_s = None
     shares, powers = [], []
     with SimulatedArm(config.arm, config.sim, rate_hz=config.control.rate_hz, seed=1) as arm:
-        while since_s is None or controller.active or arm.reading().time_s < since_s + dead_s + 3.0:
+        while since_s is None or controller.active or arm.reading().time_ns * 1e-9 < since_s + dead_s + 3.0:
             reading = arm.reading()
             state = ArmState(
                 reading.time_ns,
@@ -56,10 +56,10 @@ def dead_drive(config: Config, dead_s: float = DEAD_S) -> Episode:
             tick = controller.tick(state)
             assert tick is not None
             if since_s is None and controller.phase == Phase.RUN and controller.time_from_start_s >= 0.4:
-                since_s = reading.time_s
+                since_s = reading.time_ns * 1e-9
             if since_s is not None and stopped_s is None and controller.phase == Phase.STOP:
-                stopped_s = reading.time_s - since_s
-            if since_s is not None and reading.time_s < since_s + dead_s:
+                stopped_s = reading.time_ns * 1e-9 - since_s
+            if since_s is not None and reading.time_ns * 1e-9 < since_s + dead_s:
                 arm.coast()
                 continue
             arm.step(tick.effort_nm.tolist())

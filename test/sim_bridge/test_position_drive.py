@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_bridge.actuators import PositionDrive
-from sim_bridge.arm import CommandError, SimulatedArm
+from sim_bridge.arm import CommandError, PositionDrive, SimulatedArm
 from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.trajectories.trajectory import sample

@@ -10,7 +10,7 @@ from tel_ros.core.control.holding import Hold, RestDetector
 from tel_ros.core.errors import EffortError
 from tel_ros.core.safety.layer import SafetyLayer
 from tel_ros.core.springs import Springs
-from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.core.types import FloatArray
 
 
 class AwakeClock:
@@ -51,7 +51,6 @@ class CommandGuard:
     """
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig) -> None:
-        self._control = control
         self._timeout_s = safety.command_timeout_s
         self._releases = safety.final_effort == "zero"
         self._n_joints = len(arm.joints)
@@ -59,21 +58,22 @@ class CommandGuard:
         self.safety = SafetyLayer(arm, safety, control.rate_hz)
         """What every effort of the guard goes through."""
         self._hold = Hold()
-        self._rest = RestDetector(control.settle_speed_rad_s, control.settle_time_s)
+        self._rest = RestDetector.of(control)
         self._heard_nm: FloatArray | None = None
         self._heard_at_s = 0.0
         self._last_ns: int | None = None
         self.active = False
         """Whether the guard has taken over."""
-        self._since_ns = 0
-        self._releasing = self._rested = False
+        self._releasing = False
 
     @property
     def at_final_effort(self) -> bool:
         """Whether nothing is left to do: the arm has its final effort, from here or from elsewhere."""
         if not self.active:
             return self._heard_nm is None or not self._heard_nm.any()
-        return self._releasing and not self.safety.last_nm.any() if self._releases else self._rested
+        if self._releases:
+            return self._releasing and not self.safety.last_nm.any()
+        return self._rest.is_over(self._last_ns or 0)
 
     def on_command(self, effort_nm: FloatArray, now_s: float) -> None:
         """Take in a command from another node, at a time of a monotonic clock; not the guard's own."""
@@ -89,40 +89,36 @@ class CommandGuard:
         if self._last_ns is not None and state.time_ns <= self._last_ns:
             if state.time_ns == self._last_ns:
                 return None
-            self._rest.reset()
+            self._rest.begin(state.time_ns)
             if self.active:
                 self._take_over(state)
         self._last_ns = state.time_ns
-        at_rest = self._rest.at_rest(state.time_ns, state.position_rad)
+        self._rest.at_rest(state.time_ns, state.position_rad)
         if self._heard_nm is None:
             return None
         if not self.active:
             if now_s - self._heard_at_s < self._timeout_s:
                 self._hold.load.add(state.time_ns, self._heard_nm)
-                if at_rest:
+                if self._rest.still:
                     self._hold.load.keep()
                 return None
             if not self._heard_nm.any():
                 return None
-            at_rest = False
             self._take_over(state)
-        return self._effort(state, at_rest)
+        return self._effort(state)
 
     def _take_over(self, state: ArmState) -> None:
         self._hold.begin()
-        self._rest.reset()
-        self._since_ns = state.time_ns
-        self.active, self._releasing, self._rested = True, False, False
+        self._rest.begin(state.time_ns)
+        self.active, self._releasing = True, False
         self.safety.none()
 
-    def _effort(self, state: ArmState, at_rest: bool) -> FloatArray:
-        waited_s = (state.time_ns - self._since_ns) / NS_PER_S
-        self._rested = at_rest or waited_s > self._control.settle_timeout_s
-        self._releasing |= self._releases and self._rested
+    def _effort(self, state: ArmState) -> FloatArray:
+        self._releasing |= self._releases and self._rest.is_over(state.time_ns)
         if self._releasing:
             wanted = self.safety.fading(state.time_ns)
         else:
-            equilibrium = self._hold.equilibrium(state, self._springs, at_rest)
+            equilibrium = self._hold.equilibrium(state, self._springs, self._rest.still)
             wanted = self._springs.effort(equilibrium, state.position_rad, state.velocity_rad_s)
         try:
             return self.safety.permit(state, wanted).effort_nm

@@ -10,27 +10,39 @@ import math
 import numpy as np
 
 from tel_ros.core.arm_state import ArmState
+from tel_ros.core.config import ControlConfig
 from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, FloatArray
 
 
 class RestDetector:
-    """Says when no joint has moved for a while.
+    """Says when no joint has moved for a while, or that this has taken too long.
 
     It looks at positions over the whole window instead of at the measured velocity, which a coarse encoder
     or noise can keep above any sensible threshold although the arm stands still. A joint is at rest if its
     mean speed over the window is below ``speed_rad_s``.
     """
 
-    def __init__(self, speed_rad_s: float, window_s: float) -> None:
+    def __init__(self, speed_rad_s: float, window_s: float, timeout_s: float = math.inf) -> None:
         self._distance_rad = speed_rad_s * window_s
-        self._window_ns = round(window_s * NS_PER_S)
-        self._since_ns = 0
+        self._window_ns, self._timeout_ns = round(window_s * NS_PER_S), timeout_s * NS_PER_S
+        self._since_ns = self.begun_ns = 0
         self._reference_rad: list[float] | None = None
+        self.still = False
+        """Whether it was at rest in the last state."""
 
-    def reset(self) -> None:
-        """Begin a new window."""
-        self._reference_rad = None
+    @classmethod
+    def of(cls, control: ControlConfig) -> RestDetector:
+        """Return it as configured."""
+        return cls(control.settle_speed_rad_s, control.settle_time_s, control.settle_timeout_s)
+
+    def begin(self, time_ns: int) -> None:
+        """Begin to wait for rest, with a new window."""
+        self._reference_rad, self.still, self.begun_ns = None, False, time_ns
+
+    def is_over(self, time_ns: int) -> bool:
+        """Return whether the arm has come to rest, or has had its time."""
+        return self.still or time_ns - self.begun_ns > self._timeout_ns
 
     def at_rest(self, time_ns: int, position_rad: FloatArray) -> bool:
         """Take in a measured position and return whether the arm is at rest by now."""
@@ -39,10 +51,11 @@ class RestDetector:
         if (
             reference is None
             or time_ns < self._since_ns  # nobody knows for how long the arm has been where it is
-            or any(not -most <= q - before <= most for q, before in zip(positions, reference, strict=True))
+            or any(not -most <= q - before <= most for q, before in zip(positions, reference))
         ):
             self._reference_rad, self._since_ns = positions, time_ns
-        return time_ns - self._since_ns >= self._window_ns
+        self.still = time_ns - self._since_ns >= self._window_ns
+        return self.still
 
 
 class HoldingLoad:
@@ -67,7 +80,7 @@ class HoldingLoad:
             self._smooth_nm = efforts
         else:
             share = -math.expm1(-step_ns / NS_PER_S / self.SMOOTHING_S)
-            self._smooth_nm = [old + share * (new - old) for old, new in zip(before, efforts, strict=True)]
+            self._smooth_nm = [old + share * (new - old) for old, new in zip(before, efforts)]
 
     def keep(self) -> None:
         """Remember the present effort: the arm is at rest."""

@@ -46,10 +46,16 @@ class SetPointGuard:
 
     def answer(
         self, permitted: Permitted, equilibrium_rad: FloatArray, springs: Springs, state: ArmState
-    ) -> tuple[FloatArray, BoolArray]:
-        """Return :meth:`follow` for the set point at which the drive exerts what is permitted."""
-        allowed_rad = springs.equilibrium(permitted.effort_nm, state.position_rad, state.velocity_rad_s)
-        return self.follow(np.where(permitted.changed, allowed_rad, equilibrium_rad), state)
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the set point at which the drive exerts what is permitted, as far as :meth:`follow` lets it.
+
+        And the effort that the drive exerts then, and where this is not what was wanted.
+        """
+        q, v, limit = state.position_rad, state.velocity_rad_s, self._effort_limit
+        allowed_rad = springs.equilibrium(permitted.effort_nm, q, v)
+        sent, held_back = self.follow(np.where(permitted.changed, allowed_rad, equilibrium_rad), state)
+        effort = np.minimum(np.maximum(springs.effort(sent, q, v), -limit), limit)
+        return sent, effort, permitted.changed | held_back
 
     def follow(self, asked_rad: FloatArray, state: ArmState) -> tuple[FloatArray, BoolArray]:
         """Return the set point to send, and for each joint whether it differs from the one asked for.

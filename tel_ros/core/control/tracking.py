@@ -162,7 +162,7 @@ class Limits:
         far = self.path_tolerance_rad
         # In the control loop: so few numbers are compared faster one by one.
         for (low, high, fastest), q, v, wanted in zip(
-            self._by_joint, state.positions, state.velocities, desired_rad.tolist(), strict=True
+            self._by_joint, state.positions, state.velocities, desired_rad.tolist()
         ):
             if not (low <= q <= high and -far <= q - wanted <= far and -fastest <= v <= fastest):
                 break
@@ -206,7 +206,7 @@ class TrackingScore:
         """Take in one tick."""
         self.ticks += 1
         squares, farthest, strongest = self._squares, self._largest_rad, self._largest_nm
-        rows = zip(state.positions, tick.desired_position_rad.tolist(), tick.effort_nm.tolist(), strict=True)
+        rows = zip(state.positions, tick.desired_position_rad.tolist(), tick.effort_nm.tolist())
         for j, (q, wanted, effort) in enumerate(rows):
             error = q - wanted
             squares[j] += error * error

@@ -83,11 +83,11 @@ class LearnedTimings:
         arm, safety = self._config.arm, self._config.safety
         rate = EffortRate.of(arm, safety, 1.0 / self._config.control.rate_hz).rate_nm_per_s
         walls = SoftLimits.of(arm, safety)
-        braking, limits = BrakingDistance.of(arm, safety, walls), MotionLimits.of(arm, safety, walls)
+        braking, limits = BrakingDistance.of(arm, safety, walls), MotionLimits(walls)
         q, dq, _ = movement_path(self._path, self._known, movement).evaluate(middles())
         above, below = walls.high_rad - q, q - walls.low_rad
         fastest = braking.fastest(np.maximum(np.where(dq > 0.0, above, below), 0.0))
-        k = limits.gains.k_velocity_nms_per_rad
+        k = walls.k_velocity_nms_per_rad
         motion = EffortBounds(
             -k * VELOCITY_SHARE * limits.fastest_outward(below),
             k * VELOCITY_SHARE * limits.fastest_outward(above),

@@ -74,7 +74,7 @@ class DriveResponse:
             self._end_silences()
             return
         waits = False
-        rows = zip(self._drives, commanded_nm.tolist(), reported_nm.tolist(), strict=True)
+        rows = zip(self._drives, commanded_nm.tolist(), reported_nm.tolist())
         # In the control loop: a drive that answers is done with after few comparisons.
         for drive, wanted, found in rows:
             size, given = abs(wanted), found if wanted > 0.0 else -found

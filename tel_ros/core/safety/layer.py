@@ -59,7 +59,7 @@ class SafetyLayer:
         self.rules: tuple[SafetyRule, ...] = (
             self._rate,
             BrakingDistance.of(arm, safety, self.soft_limits),
-            MotionLimits.of(arm, safety, self.soft_limits),
+            MotionLimits(self.soft_limits),
             *own_rules,
             limit,
             self._late,

@@ -147,7 +147,7 @@ class FrozenReadings:
             return
         enough = self.STATES
         # In the control loop: a joint that moves is done with after few comparisons.
-        for j, (joint, q, v) in enumerate(zip(self._seen, state.positions, state.velocities, strict=True)):
+        for j, (joint, q, v) in enumerate(zip(self._seen, state.positions, state.velocities)):
             before = joint.velocity
             if v != before:
                 if joint.told_for and joint.position != joint.position_at:
@@ -256,7 +256,7 @@ class FirstMotion:
     def look(self, state: ArmState, equilibrium_rad: FloatArray, effort_nm: FloatArray) -> str:
         """Take in a tick; return what is wrong in words, or nothing. Shapes (n_joints,)."""
         now_s, found, near, strongs = state.time_ns / NS_PER_S, "", 0.5 * self.FIRST_RAD, self._strong
-        rows = zip(self._watched, state.positions, equilibrium_rad.tolist(), effort_nm.tolist(), strict=True)
+        rows = zip(self._watched, state.positions, equilibrium_rad.tolist(), effort_nm.tolist())
         # In the control loop: a joint that does what it should is done with after few comparisons.
         for j, (joint, q, u, effort) in enumerate(rows):
             if u < joint.low:

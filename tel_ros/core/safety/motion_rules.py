@@ -37,41 +37,10 @@ BRAKING_BAND = 0.15
 _FAR_RAD = 1e9
 
 
-@dataclass(frozen=True)
-class WallGains:
-    """Stiffness and damping of the soft walls. Shapes (n_joints,)."""
-
-    k_position_per_s: FloatArray
-    k_velocity_nms_per_rad: FloatArray
-
-    @classmethod
-    def of(cls, arm: ArmConfig, safety: SafetyConfig) -> WallGains:
-        """Return the configured gains, where empty those that follow the arm's own springs."""
-        stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
-        if safety.k_velocity_nms_per_rad:
-            k_velocity = np.array(safety.k_velocity_nms_per_rad)
-        else:
-            k_velocity = np.maximum(DAMPING_FACTOR * damping, LEAST_DAMPING_S * stiffness)
-        if safety.k_position_per_s:
-            k_position = np.array(safety.k_position_per_s)
-        else:
-            k_position = WALL_STIFFNESS * stiffness / k_velocity
-        return cls(k_position, k_velocity)
-
-
-def top_speed(arm: ArmConfig, safety: SafetyConfig) -> FloatArray:
-    """Return the speed that no effort may exceed: above the one at which a trial is aborted.
-
-    A joint that moves at nearly that speed still needs effort against gravity and friction.
-    """
-    return (1.0 + safety.velocity_margin) * np.array(arm.velocity_limit_rad_s)
-
-
 def largest_inertia(arm: ArmConfig) -> FloatArray:
     """Return the largest inertia in kg·m² that each joint can have, as its springs tell. Shape (n_joints,).
 
-    K and B damp an inertia I with the ratio ζ = B / (2 √(K I)), and with ζ of at least 0.3 it is
-    I = B² / (0.36 K) at most.
+    K and B damp an inertia I with the ratio ζ = B / (2 √(K I)): with ζ of at least 0.3 it is B² / (0.36 K).
     """
     stiffness = np.array(arm.stiffness_nm_per_rad)
     damping = np.maximum(np.array(arm.damping_nms_per_rad), LEAST_DAMPING_S * stiffness)
@@ -82,28 +51,28 @@ def largest_inertia(arm: ArmConfig) -> FloatArray:
 def soft_range(arm: ArmConfig, safety: SafetyConfig) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper soft limits in rad. Shapes (n_joints,)."""
     low, high = np.array(arm.position_min_rad), np.array(arm.position_max_rad)
+    margin = np.minimum(MARGIN_SHARE * (high - low), LARGEST_MARGIN_RAD)
     if safety.soft_margin_rad:
         margin = np.array(safety.soft_margin_rad)
-    else:
-        margin = np.minimum(MARGIN_SHARE * (high - low), LARGEST_MARGIN_RAD)
     return low + margin, high - margin
 
 
 @dataclass
 class SoftLimits:
-    """Soft joint limits, which move behind joints that are found beyond them, and lead these back.
+    """Soft joint limits: stiff, damped walls, and the speed that no effort may exceed.
 
-    A soft limit is a stiff spring. On an arm that fell while nobody commanded it, and now leans against the
-    end of its range, it would act at once with all that it is compressed by: up to 300 N·m on a joint of
-    the simulated iiwa, which was thrown inside with 2.6 rad/s. So a limit acts where the joint is found, and
-    takes it along from there; while the motors do not act it waits for the joint (:meth:`find` again).
-    Limits may be infinite. Shapes (n_joints,).
+    On an arm that fell while nobody commanded it, and now leans against the end of its range, a wall would
+    act at once with all that it is compressed by: up to 300 N·m on a joint of the simulated iiwa, which was
+    thrown inside with 2.6 rad/s. So a limit acts where the joint is found, and leads it back from there;
+    while the motors do not act it waits (:meth:`find` again). Limits may be infinite. Shapes (n_joints,).
     """
 
     low_rad: FloatArray
     high_rad: FloatArray
-    reach_rad: FloatArray
-    """Distance from which on the wall slows a joint, whatever its speed within the limit."""
+    k_position_per_s: FloatArray
+    k_velocity_nms_per_rad: FloatArray
+    top_speed_rad_s: FloatArray
+    """Above the speed at which a trial is aborted: a joint that moves at nearly that still needs effort."""
     leading_rad_s: FloatArray
     """Speed at which a limit goes back to its place."""
     _shift_rad: FloatArray | None = field(default=None, init=False)
@@ -112,9 +81,19 @@ class SoftLimits:
     @classmethod
     def of(cls, arm: ArmConfig, safety: SafetyConfig) -> SoftLimits:
         """Return the soft limits of an arm whose empty fields have been filled from its URDF."""
-        reach_rad = top_speed(arm, safety) / WallGains.of(arm, safety).k_position_per_s
-        leading_rad_s = LEADING_SHARE * np.array(arm.velocity_limit_rad_s)
-        return cls(*soft_range(arm, safety), reach_rad, leading_rad_s)
+        stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
+        k_velocity = np.maximum(DAMPING_FACTOR * damping, LEAST_DAMPING_S * stiffness)
+        if safety.k_velocity_nms_per_rad:
+            k_velocity = np.array(safety.k_velocity_nms_per_rad)
+        k_position = np.array(safety.k_position_per_s or WALL_STIFFNESS * stiffness / k_velocity)
+        velocity = np.array(arm.velocity_limit_rad_s)
+        top_speed = (1.0 + safety.velocity_margin) * velocity
+        return cls(*soft_range(arm, safety), k_position, k_velocity, top_speed, LEADING_SHARE * velocity)
+
+    @property
+    def reach_rad(self) -> FloatArray:
+        """Distance from which on the wall slows a joint, whatever its speed within the limit."""
+        return self.top_speed_rad_s / self.k_position_per_s
 
     @property
     def lead(self) -> bool:
@@ -163,12 +142,9 @@ class BrakingDistance(SafetyRule):
     def of(cls, arm: ArmConfig, safety: SafetyConfig, limits: SoftLimits) -> BrakingDistance:
         """Return the rule for a configured arm whose empty fields have been filled from its URDF."""
         effort = np.array(arm.effort_limit_nm)
-        if safety.deceleration_rad_s2:
-            deceleration = np.array(safety.deceleration_rad_s2)
-        else:
-            deceleration = BRAKING_SHARE * effort / largest_inertia(arm)
+        deceleration = np.array(safety.deceleration_rad_s2 or BRAKING_SHARE * effort / largest_inertia(arm))
         creep = CREEP_SHARE * np.array(arm.velocity_limit_rad_s)
-        gain = BRAKING_GAIN * WallGains.of(arm, safety).k_velocity_nms_per_rad
+        gain = BRAKING_GAIN * limits.k_velocity_nms_per_rad
         return cls(limits, creep, deceleration, gain, effort)
 
     def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
@@ -210,7 +186,7 @@ class MotionLimits(SafetyRule):
     it outward is k_velocity (v_max − v); the same the other way round for the lower limit. Where that is
     negative it has to brake or to push back, whatever the command is. Two things are ours: beyond a soft
     limit k_position counts :data:`BEYOND_FACTOR` times, so that a weight cannot press far into it; and
-    v_limit is :func:`top_speed`.
+    v_limit is above the speed at which a trial is aborted.
 
     By default k_position · k_velocity = 4 K and k_velocity = 2 B: no command can pull harder than springs
     would that are four times as stiff, have twice the damping and their equilibrium point at the soft limit.
@@ -222,34 +198,27 @@ class MotionLimits(SafetyRule):
     """
 
     limits: SoftLimits
-    velocity_rad_s: FloatArray
-    """v_limit."""
-    gains: WallGains
-
-    @classmethod
-    def of(cls, arm: ArmConfig, safety: SafetyConfig, limits: SoftLimits) -> MotionLimits:
-        """Return the rule for a configured arm whose empty fields have been filled from its URDF."""
-        return cls(limits, top_speed(arm, safety), WallGains.of(arm, safety))
 
     def permitted(self, state: ArmState, last: LastEffort) -> EffortRange:
         """Return the efforts that a measured state permits; not bounded by what the motors can do."""
         position_rad = self.limits.seen(state)
         up = self.fastest_outward(self.limits.high_rad - position_rad)
         down = self.fastest_outward(position_rad - self.limits.low_rad)
-        k = self.gains.k_velocity_nms_per_rad
+        k = self.limits.k_velocity_nms_per_rad
         return EffortRange(k * (-down - state.velocity_rad_s), k * (up - state.velocity_rad_s))
 
     def quiet(self) -> QuietBounds:
         """Return where all of v_limit is free, so that the rule asks for abs(τ + k v) ≤ k v_limit alone."""
-        k, room = self.gains.k_velocity_nms_per_rad, self.velocity_rad_s / self.gains.k_position_per_s
+        limits, k = self.limits, self.limits.k_velocity_nms_per_rad
         return QuietBounds(
-            low_rad=self.limits.low_rad + room,
-            high_rad=self.limits.high_rad - room,
+            low_rad=limits.low_rad + limits.reach_rad,
+            high_rad=limits.high_rad - limits.reach_rad,
             damping_nms_per_rad=k,
-            damped_nm=k * self.velocity_rad_s,
+            damped_nm=k * limits.top_speed_rad_s,
         )
 
     def fastest_outward(self, room_rad: FloatArray) -> FloatArray:
         """Return v_max so far from a soft limit. Shapes (…, n_joints)."""
-        speed = self.gains.k_position_per_s * np.minimum(room_rad, BEYOND_FACTOR * room_rad)
-        return np.minimum(np.maximum(speed, -self.velocity_rad_s), self.velocity_rad_s)
+        top_speed = self.limits.top_speed_rad_s
+        speed = self.limits.k_position_per_s * np.minimum(room_rad, BEYOND_FACTOR * room_rad)
+        return np.minimum(np.maximum(speed, -top_speed), top_speed)

@@ -151,7 +151,6 @@ class QuietZone:
             state.velocities,
             wanted_nm.tolist(),
             last_nm.tolist(),
-            strict=True,
         ):
             if not (
                 -step <= wanted - last <= step

@@ -165,7 +165,7 @@ def test_joints_without_limits_are_bounded_by_speed_and_effort_alone() -> None:
     assert effort.tolist() == [20.0, -20.0]
     limits = SoftLimits.of(ARM, SafetyConfig())
     endless = dataclasses.replace(limits, low_rad=np.full(2, -np.inf), high_rad=np.full(2, np.inf))
-    rule = MotionLimits.of(ARM, SafetyConfig(), endless)
+    rule = MotionLimits(endless)
     permitted = rule.permitted(state(0, (1e9, -5.0), (3.0, 0.0)), LastEffort(np.zeros(2), 0.002))
     np.testing.assert_allclose(permitted.high_nm, 3.0 * (18.75 - np.array([3.0, 0.0])))
 
