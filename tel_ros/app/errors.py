@@ -9,6 +9,7 @@ import stat
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from typing import NoReturn
 
 import click
@@ -54,9 +55,22 @@ class Interruption:
         """Begin."""
         cls.asked, cls._again_at = False, 0.0
         atexit.register(signal.setitimer, signal.ITIMER_REAL, _EXIT_TIMEOUT_S)
+        cls.handle(cls._on_signal)
+
+    @classmethod
+    def handle(cls, handler: Callable[[int, object], None]) -> None:
+        """Have another handler called for its signals."""
         for number in cls.SIGNALS:
             if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-                signal.signal(number, cls._on_signal)
+                signal.signal(number, handler)
+
+    @staticmethod
+    def leave_terminal() -> None:
+        """After SIGHUP: an error on writing to a terminal that is gone must not keep anything from ending."""
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for each in range(3):
+            if stat.S_ISCHR(os.fstat(each).st_mode):
+                os.dup2(nowhere, each)
 
     @classmethod
     def check(cls) -> None:
@@ -72,11 +86,7 @@ class Interruption:
     @classmethod
     def _on_signal(cls, number: int, frame: object) -> None:
         if number == signal.SIGHUP:
-            # The terminal is gone; an error on writing there must not keep the nodes from ending in order.
-            nowhere = os.open(os.devnull, os.O_RDWR)
-            for each in range(3):
-                if stat.S_ISCHR(os.fstat(each).st_mode):
-                    os.dup2(nowhere, each)
+            cls.leave_terminal()
         if not cls.held and time.monotonic() > cls._again_at:
             cls.asked, cls._again_at = True, time.monotonic() + _SAME_REQUEST_S
             raise KeyboardInterrupt

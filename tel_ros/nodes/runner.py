@@ -119,7 +119,8 @@ def _run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -
     # Its default action ends the process without Python's help.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     for number in (*END_SIGNALS, BRAKE_SIGNAL):
-        signal.signal(number, on_signal)
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it
+            signal.signal(number, on_signal)
     try:
         if NO_LOG_FILE not in sys.argv:
             require_log_folder()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -222,3 +225,15 @@ def test_a_run_goes_on_without_its_view(tel: Callable[..., TelProcess]) -> None:
     _, out, err = run.finish()
     assert [trial["outcome"] for trial in summary_of(out)["trials"]] == ["completed"], err
     assert run.left_behind() == []
+
+
+def test_a_view_whose_terminal_is_closed_ends_and_leaves_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="needs the extra view")
+    command = [sys.executable, "-m", "tel_ros.app.cli", "view", str(PAPER)]
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as view:
+        assert view.stdout is not None
+        assert view.stdout.readline().startswith("view    http://")
+        assert list(tmp_path.glob("tel_view_*"))
+        view.send_signal(signal.SIGHUP)
+    assert (view.returncode, list(tmp_path.iterdir())) == (0, [])

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from tel_ros.app.bring_up import die_with_parent, end_process
 from tel_ros.app.config_argument import config_argument, namespace_option, overrides_option
+from tel_ros.app.errors import Interruption
 from tel_ros.app.view import ViewError
 from tel_ros.recording.config_file import load_config
 
@@ -86,6 +87,7 @@ def view(config_file: Path, overrides: tuple[str, ...], namespace: str, port: in
     printed, on this computer only. Ctrl-C ends the view; the graph keeps running.
     """
     _require_view()
+    Interruption.watch()
     from tel_ros.nodes.robot_description import description_in  # isort: skip - first: whether ROS can start
     from tel_ros.app.view.main import watch
 

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from tel_interfaces.action import Practice
 from tel_interfaces.msg import TrialGoal
 
+from tel_ros.app.errors import Interruption
 from tel_ros.app.plane import viewpoint
 from tel_ros.app.view.graph import GraphView
 from tel_ros.app.view.live_trial import History, LiveTrial
@@ -36,6 +37,7 @@ LOCKSTEP_RATE_HZ = 100.0
 
 In real time once a picture is enough, and five times as many looks would cost the control loop time.
 """
+END_TIMEOUT_S = 10.0
 _WORDS_EVERY = 4
 """Words and plots change with every fourth picture only."""
 
@@ -106,10 +108,17 @@ class LiveView:
 
 
 def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
-    """Show a graph until SIGINT or SIGTERM; print the link. Port 0: any that is free."""
+    """Show a graph until SIGINT, SIGTERM or SIGHUP; print the link. Port 0: any that is free."""
     stopping: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stopping.append(number))
+
+    def on_signal(number: int, frame: object) -> None:
+        if number == signal.SIGHUP:
+            Interruption.leave_terminal()
+        stopping.append(number)
+        # Fast DDS sometimes blocks at its end for ever: then the kernel ends the process.
+        signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT_S)
+
+    Interruption.handle(on_signal)
     os.nice(10)  # the processor is for the nodes that move the arm
     out = sys.stdout
     # viser talks
@@ -119,7 +128,7 @@ def watch(config: Config, namespace: str = "/", port: int = 0) -> None:
             print(f"view    {view.link}", file=out, flush=True)
             look_s = 1.0 / (LOCKSTEP_RATE_HZ if config.arm_waits_for_commands else ARM_RATE_HZ)
             next_look = next_picture = time.monotonic()
-            while not stopping:
+            while not (stopping or Interruption.asked):
                 # Counted from now: a view that is late does not hurry.
                 now = time.monotonic()
                 if now >= next_look:
