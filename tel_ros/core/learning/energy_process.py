@@ -10,7 +10,6 @@ viscous and Coulomb friction.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -25,7 +24,8 @@ _SHAPE = 0.7
 """b of the correlation 1 + b cos(q - q'): how much of an inertia may depend on a joint, a priori."""
 _TUNED_OUTPUTS = 300
 """From about so many the prior is tuned."""
-_ROUNDS = 25
+_ROUNDS = (25, 8)
+"""Of tuning, at first and later."""
 _WEIGHT_OF_BEFORE = 1.0
 """Of a variance, in outputs that would show it."""
 _LEAST_NOISE = 1e-4
@@ -34,30 +34,20 @@ _CANDIDATES = 1600
 """Outputs among which those are found by which the others are expressed."""
 _MOST_FEATURES = 600
 _RANK = 1e-9
-_PORTION = 500
-"""States whose features are held in memory at a time."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """States (n, 4 * n_joints) as :meth:`EnergyKernel.states` returns them, outputs and their weights."""
+    """States as :meth:`EnergyKernel.states` returns them, outputs and their weights."""
 
     states: FloatArray
     outputs: FloatArray
     weight: FloatArray
     """Both of shape (n, n_joints)."""
 
-    def portions(self) -> Iterator[Self]:
-        """Yield the samples a few at a time."""
-        for start in range(0, len(self.states), _PORTION):
-            yield self.rows(slice(start, start + _PORTION))
-
     def about(self, n_outputs: int) -> Self:
         """Return at most so many outputs, evenly spaced."""
-        return self.rows(slice(None, None, max(1, -(-self.outputs.size // n_outputs))))
-
-    def rows(self, rows: slice) -> Self:
-        """Return some of the samples."""
+        rows = slice(None, None, max(1, -(-self.outputs.size // n_outputs)))
         return type(self)(*(np.ascontiguousarray(values[rows]) for values in vars(self).values()))
 
 
@@ -89,56 +79,68 @@ class EnergyKernel:
     unit: FloatArray
 
     def states(self, inputs: FloatArray) -> FloatArray:
-        """Return q, q̇, q̈ and the smoothed sign of q̇ (n, 4 * n_joints), in the kernel's order of joints."""
+        """Return q, q̇, q̈, the smoothed sign of q̇, cos q, sin q: (n, 6 * n_joints), joints in order."""
         q, v, a = (part[:, self.order] for part in np.split(inputs, 3, axis=1))
+        q = (q - self.middle) / self.scale
         sign = np.tanh(v / COULOMB_SPEED_RAD_S)
-        columns = (q - self.middle) / self.scale, v / self.scale, a / self.scale, sign
+        columns = q, v / self.scale, a / self.scale, sign, np.cos(q), np.sin(q)
         return np.ascontiguousarray(np.hstack(columns))
 
     def first_prior(self, samples: Samples) -> Prior:
         """Return a prior by which each cause alone could make the outputs."""
-        _, v, a, _ = np.split(samples.states, 4, axis=1)
+        _, v, a, *_ = np.split(samples.states, 6, axis=1)
         output, speed, acceleration = (np.sqrt(np.mean(x**2, axis=0)) + 1e-9 for x in (samples.outputs, v, a))
         torque = output * self.unit
         friction = 0.1 * torque**2
         inertia, viscous = (torque / acceleration) ** 2, friction / speed**2
         return Prior(inertia, torque**2, viscous, friction, (0.03 * output) ** 2)
 
-    def with_outputs(
-        self, prior: Prior, states: FloatArray, others: FloatArray, joints: IntArray, *, apart: bool = False
+    def covariance(
+        self,
+        prior: Prior,
+        states: FloatArray,
+        others: FloatArray,
+        weights: FloatArray,
+        *,
+        apart: bool = False,
     ) -> FloatArray:
-        """Return covariances with one output of each of m other states. Shape (n_parts, n * n_joints, m)."""
+        """Return covariances of all outputs with a weighted sum of those in each of m other states.
+
+        The weights have the shape (m, n_joints), the result (n_parts, n * n_joints, m).
+        """
         # Late: compiling takes seconds, once, and most processes do without.
         from tel_ros.core.learning import polynomial_kernels
 
         root = np.sqrt(prior.inertia)
         variances = (np.outer(root, root), prior.potential, prior.viscous, prior.coulomb)
-        found = polynomial_kernels.covariance(states, others, joints, self.slides, _SHAPE, *variances, apart)
+        found = polynomial_kernels.covariance(
+            states, others, weights / self.unit, self.slides, _SHAPE, *variances, apart
+        )
         found /= np.tile(self.unit, len(states))[:, None]
-        found /= self.unit[joints]
         return found
 
     def among(self, prior: Prior, states: FloatArray, *, apart: bool = False) -> FloatArray:
         """Return covariances of all outputs of some states. Shape (n_parts, n * n_joints, n * n_joints)."""
         n, n_joints = len(states), len(self.unit)
-        others, joints = np.repeat(states, n_joints, axis=0), np.tile(np.arange(n_joints), n)
-        return self.with_outputs(prior, states, others, joints, apart=apart)
+        others, each = np.repeat(states, n_joints, axis=0), np.tile(np.eye(n_joints), (n, 1))
+        return self.covariance(prior, states, others, each, apart=apart)
 
-    def tuned(self, prior: Prior, samples: Samples) -> Prior:
-        """Return the prior under which the outputs are most likely.
+    def tuned(self, prior: Prior | None, samples: Samples) -> Prior:
+        """Return the prior under which the outputs are most likely, from an earlier one or from nothing.
 
         Each variance is multiplied by the root of the ratio of what its part has made to what it was expected
         to (the MM algorithm for variance components: Zhou, Hu, Zhou and Lange, J. Comput. Graph. Stat. 28,
         2019), which needs no step size. None falls to 0: the variance before counts as an observation.
         """
-        some, n = samples.about(_TUNED_OUTPUTS), len(self.unit)
+        some, n, n_rounds = samples.about(_TUNED_OUTPUTS), len(self.unit), _ROUNDS[prior is not None]
+        prior = prior or self.first_prior(samples)
         parts, outputs = self.among(prior, some.states, apart=True), some.outputs.ravel()
         pairs = np.column_stack(np.triu_indices(n))
         involved = 0.5 * (pairs[:, :1] == np.arange(n)) + 0.5 * (pairs[:, 1:] == np.arange(n))
         scale, noise, weight = np.ones(4 * n), prior.noise, some.weight.ravel()
         joint = np.tile(np.arange(n), len(some.states))
         least = (_LEAST_NOISE * np.sqrt(np.mean(some.outputs**2, axis=0)) + 1e-12) ** 2
-        for _ in range(_ROUNDS):
+        for _ in range(n_rounds):
             factor = np.concatenate([np.exp(involved @ np.log(scale[:n])), scale[n:]])
             total = np.tensordot(factor, parts, 1)
             total[np.diag_indices_from(total)] += noise[joint] / weight
@@ -153,63 +155,69 @@ class EnergyKernel:
             scale = scale * np.sqrt((made + _WEIGHT_OF_BEFORE / scale) / (expected + _WEIGHT_OF_BEFORE))
             left = np.bincount(joint, z**2 / weight) / np.bincount(joint, inverse.diagonal() / weight)
             noise = np.maximum(noise * np.sqrt(left), least)
-        factors = np.split(scale, 4)
         known = (prior.inertia, prior.potential, prior.viscous, prior.coulomb)
-        inertia, potential, viscous, coulomb = map(np.multiply, known, factors)
+        inertia, potential, viscous, coulomb = map(np.multiply, known, np.split(scale, 4))
         return Prior(inertia, potential, viscous, coulomb, noise)
 
 
-class Posterior:
-    """What samples have told about the outputs.
+class Features:
+    """Features of outputs, φ = L⁻¹ k(some outputs, ·), where LLᵀ is the covariance of those.
 
-    They are expressed by features φ = L⁻¹ k(some outputs, ·), LLᵀ the covariance of those, which a pivoted
-    Cholesky decomposition chooses: of two joints it finds all that there are, of seven the strongest.
+    A pivoted Cholesky decomposition chooses them: of two joints it finds all that there are, of seven the
+    strongest.
     """
 
     def __init__(self, kernel: EnergyKernel, prior: Prior, samples: Samples) -> None:
-        self._kernel, self._prior = kernel, prior
-        n = len(kernel.unit)
+        self.kernel, self.prior, n = kernel, prior, len(kernel.unit)
         some = samples.about(_CANDIDATES).states
         noise = np.sqrt(np.tile(prior.noise, len(some)))
         among = kernel.among(prior, some)[0] / np.outer(noise, noise)
         factor, pivots, rank, _ = dpstrf(among, tol=_RANK * among.diagonal().max(), lower=1)
         rank = min(rank, _MOST_FEATURES)
-        chosen = pivots[:rank].astype(np.int64) - 1
-        self._states, self._joints = np.ascontiguousarray(some[chosen // n]), chosen % n
-        self._factor = np.tril(factor[:rank, :rank]) * noise[chosen, None]
-        gram, moment = np.eye(rank), np.zeros(rank)
-        for part in samples.portions():
-            root = np.sqrt(part.weight / prior.noise).ravel()
-            rows = self._features(part.states) * root[:, None]
-            gram += rows.T @ rows
-            moment += (root * part.outputs.ravel()) @ rows
-        self._gram = cholesky(gram, lower=True)
-        half = solve_triangular(self._gram, moment, lower=True)
-        weights = solve_triangular(self._gram, half, lower=True, trans="T")
-        self._weights = solve_triangular(self._factor, weights, lower=True, trans="T")
+        state, joint = np.divmod(pivots[:rank].astype(np.int64) - 1, n)
+        self.states, self.each = np.ascontiguousarray(some[state]), np.eye(n)[joint]
+        self.factor = np.tril(factor[:rank, :rank]) * np.sqrt(prior.noise)[joint, None]
+
+    def __call__(self, states: FloatArray) -> FloatArray:
+        """Return φ of all outputs of some states. Shape (n * n_joints, n_features)."""
+        found = self.kernel.covariance(self.prior, states, self.states, self.each)[0]
+        return solve_triangular(self.factor, found.T, lower=True).T
+
+
+class Posterior:
+    """What samples have told about the outputs; ``rows`` are the features of theirs."""
+
+    def __init__(self, features: Features, rows: FloatArray, samples: Samples) -> None:
+        self._features = features
+        root = np.sqrt(samples.weight / features.prior.noise).ravel()
+        rows = rows * root[:, None]
+        self._gram = cholesky(np.eye(rows.shape[1]) + rows.T @ rows, lower=True)
+        half = solve_triangular(self._gram, (root * samples.outputs.ravel()) @ rows, lower=True)
+        solved = solve_triangular(self._gram, half, lower=True, trans="T")
+        weights = features.each * solve_triangular(features.factor, solved, lower=True, trans="T")[:, None]
+        # One sum for all outputs of a state.
+        self._states, state = np.unique(features.states, axis=0, return_inverse=True)
+        self._weights = np.zeros((len(self._states), weights.shape[1]))
+        np.add.at(self._weights, state, weights)
 
     @property
     def coulomb(self) -> FloatArray:
         """Coulomb friction of each joint, in units of the output. Shape (n_joints,)."""
-        n = len(self._kernel.unit)
-        signs = self._states[np.arange(len(self._joints)), 3 * n + self._joints]
-        friction = np.bincount(self._joints, signs * self._weights, n)
-        return self._prior.coulomb * friction / self._kernel.unit**2
+        n = len(self._features.kernel.unit)
+        signs = np.sum(self._states[:, 3 * n : 4 * n] * self._weights, axis=0)
+        return self._features.prior.coulomb * signs / self._features.kernel.unit**2
 
     def mean(self, states: FloatArray) -> FloatArray:
         """Return the outputs that are most likely. Shape (n, n_joints)."""
-        return (self._covariance(states) @ self._weights).reshape(len(states), -1)
+        kernel, prior = self._features.kernel, self._features.prior
+        found = kernel.covariance(prior, states, self._states, self._weights)[0]
+        return found.sum(axis=1).reshape(len(states), -1)
 
     def variance(self, states: FloatArray) -> FloatArray:
         """Return the variance of the outputs, without noise. Shape (n, n_joints)."""
+        kernel, prior = self._features.kernel, self._features.prior
         features = self._features(states)
         known = solve_triangular(self._gram, features.T, lower=True)
-        total = [self._kernel.among(self._prior, state[None])[0].diagonal() for state in states]
+        total = [kernel.among(prior, state[None])[0].diagonal() for state in states]
         left = np.concatenate(total or [np.empty(0)]) - np.sum(features**2, axis=1)
         return (np.maximum(left, 0.0) + np.sum(known**2, axis=0)).reshape(len(states), -1)
-
-    def _covariance(self, states: FloatArray) -> FloatArray:
-        return self._kernel.with_outputs(self._prior, states, self._states, self._joints)[0]
-
-    def _features(self, states: FloatArray) -> FloatArray:
-        return solve_triangular(self._factor, self._covariance(states).T, lower=True).T

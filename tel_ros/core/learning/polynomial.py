@@ -9,7 +9,7 @@ import numpy as np
 
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.calibration import CalibratedLearner
-from tel_ros.core.learning.energy_process import EnergyKernel, Posterior, Prior, Samples
+from tel_ros.core.learning.energy_process import EnergyKernel, Features, Posterior, Prior, Samples
 from tel_ros.core.learning.experience import CHANGED, SampleMemory, counted, stuck_trust, thinning
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.least_squares import on_one_thread
@@ -19,6 +19,10 @@ from tel_ros.core.urdf import Urdf
 
 _MOST_OUTPUTS = 12_000
 """Samples times joints that are remembered."""
+_TESTED = 200
+"""About so many samples of a trial are predicted with their variance, which costs much more."""
+_LEAST_SCALE = 2.0
+"""Of the variance: errors of neighbours are more alike than those of white noise, for which it would be 1."""
 _HARDLY = 1e-6
 """Weight of samples that are to be done without."""
 
@@ -123,27 +127,33 @@ class PolynomialLearner(CalibratedLearner):
         if changed:
             learned = alone[0]
         self._memory, new, self._prior, self._posterior = learned
-        self._calibrate(before, new.inputs, new.targets_rad, new.trust)
+        tested = new[:: max(1, len(new) // _TESTED)]
+        self._calibrate(before, tested.inputs, tested.targets_rad, tested.trust)
+        scale = np.maximum(self.calibration.scale_rad2, _LEAST_SCALE)
+        self.calibration = replace(self.calibration, scale_rad2=scale)
         return [CHANGED] if changed else []
 
     def _learned(self, old: SampleMemory, new: SampleMemory, sliding: BoolArray, most: int) -> _Learned:
         """Return what two sets of samples teach; where a joint may stick is judged by a fit without."""
         certain = np.where(sliding | ~sliding.any(axis=0), 1.0, _HARDLY)
-        memory = old.joined(replace(new, trust=certain))
+        memory = old.joined(replace(new, trust=certain)).bounded(most)
         data = self._samples(memory)
-        known = self._prior if len(old) else None
-        prior = self._kernel.tuned(known or self._kernel.first_prior(data), data)
+        prior = self._kernel.tuned(self._prior if len(old) else None, data)
+        features = Features(self._kernel, prior, data)
+        rows = features(data.states)
+        fit = Posterior(features, rows, data)
         if not sliding.all():
-            fit = self._fitted(memory, prior)
-            residual = self._residual_of(fit, new)
-            trust = stuck_trust(residual, sliding, fit.coulomb[self._back])
+            trust = stuck_trust(self._residual_of(fit, new), sliding, fit.coulomb[self._back])
             new = replace(new, trust=np.where(sliding, 1.0, trust))
-        memory = old.joined(new).bounded(most)
-        return _Learned(memory, new, prior, self._fitted(memory, prior))
+            memory = old.joined(new).bounded(most)
+            fit = Posterior(features, rows, self._samples(memory))
+        return _Learned(memory, new, prior, fit)
 
     @on_one_thread
     def _fitted(self, memory: SampleMemory, prior: Prior) -> Posterior:
-        return Posterior(self._kernel, prior, self._samples(memory))
+        data = self._samples(memory)
+        features = Features(self._kernel, prior, data)
+        return Posterior(features, features(data.states), data)
 
     def _samples(self, memory: SampleMemory) -> Samples:
         order = self._kernel.order

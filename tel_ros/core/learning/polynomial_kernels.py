@@ -5,40 +5,44 @@ from __future__ import annotations
 import numpy as np
 
 from tel_ros.core.learning.tree_kernels import compiled
-from tel_ros.core.types import BoolArray, FloatArray, IntArray
+from tel_ros.core.types import BoolArray, FloatArray
 
 
-@compiled("void(f8[:], f8[:], b1[::1], f8, f8[:, ::1])")
+@compiled("void(f8[::1], f8[::1], b1[::1], f8, f8[:, ::1])")
 def _correlate(
     here: FloatArray, there: FloatArray, slides: BoolArray, shape: float, form: FloatArray
 ) -> None:
-    """Fill ``form`` (4, n_joints) with a correlation f of each joint's positions and what f changes by.
+    """Fill ``form`` (4, n_joints) with a correlation f of each joint's positions and how it changes.
 
     f = (1 + b cos(q - q')) / (1 + b) of a joint that turns, (1 + b q q') / (1 + b) of one that slides. Then
     ∂ log f/∂q, ∂ log f/∂q' and ∂² log f/∂q∂q'.
     """
-    for j in range(len(here)):
+    n_joints = len(slides)
+    for j in range(n_joints):
         if slides[j]:
             f = 1.0 + shape * here[j] * there[j]
             f = f if abs(f) > 1e-6 else 1e-6
             form[1, j], form[2, j] = shape * there[j] / f, shape * here[j] / f
             form[3, j] = shape / (f * f)
         else:
-            cosine = np.cos(here[j] - there[j])
+            cos, cos_ = here[4 * n_joints + j], there[4 * n_joints + j]
+            sin, sin_ = here[5 * n_joints + j], there[5 * n_joints + j]
+            cosine = cos * cos_ + sin * sin_
             f = 1.0 + shape * cosine
-            form[1, j] = -shape * np.sin(here[j] - there[j]) / f
+            form[1, j] = -shape * (sin * cos_ - cos * sin_) / f
             form[2, j] = -form[1, j]
             form[3, j] = shape * (cosine + shape) / (f * f)
         form[0, j] = f / (1.0 + shape)
 
 
 @compiled(
-    "f8[:, :, ::1](f8[:, ::1], f8[:, ::1], i8[::1], b1[::1], f8, f8[:, ::1], f8[::1], f8[::1], f8[::1], b1)"
+    "f8[:, :, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8, f8[:, ::1], f8[::1], f8[::1], "
+    "f8[::1], b1)"
 )
 def covariance(
     states: FloatArray,
     others: FloatArray,
-    joints: IntArray,
+    weights: FloatArray,
     slides: BoolArray,
     shape: float,
     inertia: FloatArray,
@@ -47,11 +51,10 @@ def covariance(
     coulomb: FloatArray,
     apart: bool,
 ) -> FloatArray:
-    """Return covariances of all torques in n states with one torque in each of m others.
+    """Return covariances of all torques in n states with a weighted sum of those in each of m others.
 
-    A state is q, q̇, q̈ and the smoothed sign of q̇ (4 * n_joints values); ``joints`` (m,) is the joint whose
-    torque is meant in each of the others. Variances as in :class:`~.energy_process.Prior`, but ``inertia`` of
-    each M_pk (n_joints, n_joints).
+    A state is as of :meth:`~.energy_process.EnergyKernel.states`; the weights w are (m, n_joints). Variances
+    are as in :class:`~.energy_process.Prior`, but ``inertia`` of each M_pk, (n_joints, n_joints).
 
     For T = M_pk(q) q̇_p q̇_k, or half of it if p = k, Lagrange's equation gives τ_i = a_i M_pk + b_iᵀ ∇M_pk
     with a_i = δ_ip q̈_k + δ_ik q̈_p and b_i = (δ_ip q̇_k + δ_ik q̇_p) q̇ - q̇_p q̇_k e_i. So the covariance of two
@@ -62,52 +65,71 @@ def covariance(
     of each link's potential, of each viscous and each Coulomb friction.
     """
     n, n_joints, m = len(states), len(slides), len(others)
-    result = np.zeros((n_joints * (n_joints + 1) // 2 + 3 * n_joints if apart else 1, n * n_joints, m))
-    form = np.empty((4, n_joints))
+    n_pairs = n_joints * (n_joints + 1) // 2
+    result = np.zeros((n_pairs + 3 * n_joints if apart else 1, n * n_joints, m))
+    form, found = np.empty((4, n_joints)), np.empty(n_joints)
     for row in range(n):
         here, first = states[row], row * n_joints
         v, a = here[n_joints : 2 * n_joints], here[2 * n_joints : 3 * n_joints]
         for column in range(m):
-            there, o = others[column], joints[column]
+            there, w = others[column], weights[column]
             v_, a_ = there[n_joints : 2 * n_joints], there[2 * n_joints : 3 * n_joints]
-            _correlate(here[:n_joints], there[:n_joints], slides, shape, form)
+            _correlate(here, there, slides, shape, form)
             f, d, d_, dd = form
+            last = n_joints
+            while w[last - 1] == 0.0:
+                last -= 1
             part = 0
+            found[:] = 0.0
             for p in range(n_joints):
-                kappa, rate, rate_, rates = 1.0, 0.0, 0.0, 0.0
+                if p >= last:
+                    part += apart * (n_joints - p)
+                    continue
+                kappa, rate, rate_, rates, slope_w, rate_w = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for j in range(p + 1, n_joints):
                     kappa *= f[j] * f[j]
-                    rate += 2.0 * d[j] * v[j]
-                    rate_ += 2.0 * d_[j] * v_[j]
-                    rates += 2.0 * dd[j] * v[j] * v_[j]
+                    rate += d[j] * v[j]
+                    rate_ += d_[j] * v_[j]
+                    rates += dd[j] * v[j] * v_[j]
+                    slope_w += d_[j] * w[j]
+                    rate_w += dd[j] * v[j] * w[j]
                 for k in range(p, n_joints):
                     weight, half = inertia[p, k] * kappa, 0.5 if p == k else 1.0
-                    product, product_ = half * v[p] * v[k], half * v_[p] * v_[k]
-                    own_, push_ = (v_[k], a_[k]) if o == p else (v_[p], a_[p]) if o == k else (0.0, 0.0)
-                    slope_, across_ = push_ + own_ * rate_, 0.0
-                    if o > p:
-                        slope_ -= 2.0 * product_ * d_[o]
-                        across_ = 2.0 * product_ * dd[o]
-                    for i in range(p, n_joints):
-                        own, push = (v[k], a[k]) if i == p else (v[p], a[p]) if i == k else (0.0, 0.0)
-                        slope, rest = push + own * rate, own * (own_ * rates - across_ * v[o])
-                        if i > p:
-                            slope -= 2.0 * product * d[i]
-                            rest -= 2.0 * product * dd[i] * own_ * v_[i]
-                            if i == o:
-                                rest += product * across_
-                        result[part, first + i, column] += weight * (slope * slope_ + rest)
-                    part += apart
+                    product, product_ = 2.0 * half * v[p] * v[k], half * v_[p] * v_[k]
+                    own_, push_ = half * (w[p] * v_[k] + w[k] * v_[p]), half * (w[p] * a_[k] + w[k] * a_[p])
+                    slope_ = push_ + 2.0 * (own_ * rate_ - product_ * slope_w)
+                    across = 2.0 * (own_ * rates - product_ * rate_w)
+                    turn = weight * (2.0 * rate * slope_ + across)
+                    found[p] += half * (weight * a[k] * slope_ + turn * v[k])
+                    found[k] += half * (weight * a[p] * slope_ + turn * v[p])
+                    for i in range(p + 1, n_joints):
+                        found[i] += (
+                            weight * product * (dd[i] * (product_ * w[i] - own_ * v_[i]) - d[i] * slope_)
+                        )
+                    if apart:
+                        result[part, first : first + n_joints, column] = found
+                        found[:] = 0.0
+                        part += 1
             kappa = 1.0
+            slope_w = 0.0
             for link in range(n_joints):
                 kappa *= f[link]
-                if o <= link:
-                    weight = potential[link] * kappa
-                    for i in range(link + 1):
-                        result[part, first + i, column] += weight * d[i] * d_[o]
-                    result[part, first + o, column] += weight * dd[o]
-                part += apart
-            result[part + apart * o, first + o, column] += viscous[o] * v[o] * v_[o]
-            signs = here[3 * n_joints + o] * there[3 * n_joints + o]
-            result[part + apart * (n_joints + o), first + o, column] += coulomb[o] * signs
+                slope_w += d_[link] * w[link]
+                weight = potential[link] * kappa
+                for i in range(link + 1):
+                    found[i] += weight * (d[i] * slope_w + dd[i] * w[i])
+                if apart:
+                    result[part, first : first + n_joints, column] = found
+                    found[:] = 0.0
+                    part += 1
+            for j in range(n_joints):
+                friction = viscous[j] * v[j] * v_[j] * w[j]
+                dry = coulomb[j] * here[3 * n_joints + j] * there[3 * n_joints + j] * w[j]
+                if apart:
+                    result[part + j, first + j, column] = friction
+                    result[part + n_joints + j, first + j, column] = dry
+                else:
+                    found[j] += friction + dry
+            if not apart:
+                result[0, first : first + n_joints, column] = found
     return result
