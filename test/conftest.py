@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,13 @@ import pytest
 from ros_domain import held_domains
 
 sys.path.insert(0, str(Path(__file__).parent / "core"))  # tests of all layers use its made-up recordings
+
+gc.disable()  # of what is made in collection nothing can go, and looking for it takes a third of the time
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture

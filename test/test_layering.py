@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,11 +40,13 @@ def offences(find: Callable[[ast.Module], set[str]], *places: Path, but: tuple[P
     """Return what is found in the sources in some places, as ``file: what``."""
     files = [path for place in places for path in sorted(place.rglob("*.py")) if path not in but]
     assert len(files) > 10
-    return [
-        f"{path.relative_to(ROOT)}: {text}"
-        for path in files
-        for text in sorted(find(ast.parse(path.read_text())))
-    ]
+    return [f"{path.relative_to(ROOT)}: {text}" for path in files for text in sorted(find(parsed(path)))]
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return the source of a file, which several rules look at."""
+    return ast.parse(path.read_text())
 
 
 def imported(tree: ast.AST) -> set[str]:
@@ -134,13 +137,13 @@ def test_imports_keep_the_contracts_of_pyproject_toml() -> None:
 
 def test_core_imports_only_array_libraries_and_the_standard_library() -> None:
     assert offences(outside_core, CORE, but=tuple(ALSO_IN_CORE)) == []
-    assert {path: outside_core(ast.parse(path.read_text())) for path in ALSO_IN_CORE} == ALSO_IN_CORE
+    assert {path: outside_core(parsed(path)) for path in ALSO_IN_CORE} == ALSO_IN_CORE
 
 
 def test_pinocchio_is_imported_only_inside_a_function() -> None:
     """It is optional: without it everything but the learners of rigid links has to work."""
     for path in ALSO_IN_CORE:
-        assert "pinocchio" not in imported_at_once(ast.parse(path.read_text()))
+        assert "pinocchio" not in imported_at_once(parsed(path))
 
 
 def test_only_the_command_line_names_the_simulated_arm() -> None:
@@ -160,12 +163,12 @@ def test_commands_leave_through_the_command_channel_alone() -> None:
     assert offences(publishers_of_commands, *PACKAGES[:2], but=(COMMAND_CHANNEL, BAG_PLAYER)) == []
     assert offences(lambda tree: strings(tree) & values, *PACKAGES, but=(TOPICS,)) == []
     for path in (COMMAND_CHANNEL, BAG_PLAYER):
-        assert len(publishers_of_commands(ast.parse(path.read_text()))) == 1
+        assert len(publishers_of_commands(parsed(path))) == 1
 
 
 def test_efforts_are_permitted_by_the_safety_layer_alone() -> None:
     assert offences(grants, *PACKAGES, but=(SAFETY_LAYER,)) == []
-    assert grants(ast.parse(SAFETY_LAYER.read_text())) != set()
+    assert grants(parsed(SAFETY_LAYER)) != set()
 
 
 @pytest.mark.parametrize(

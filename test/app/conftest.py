@@ -16,7 +16,7 @@ from made_up_run import MakeRun, Trial, trials, write_run  # noqa: E402
 
 from tel_ros.app.report.data import RunData, read_run  # noqa: E402
 from tel_ros.app.report.run import write_report  # noqa: E402
-from tel_ros.core.trial import Outcome  # noqa: E402
+from tel_ros.core.trial import LoopTiming, Outcome  # noqa: E402
 
 
 @pytest.fixture
@@ -33,8 +33,19 @@ def good_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def sure_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report of a run whose network knew nothing at first, and in the second trial how sure it was."""
-    second = Trial(2)
+    """The report of a run that tells of trial 2 alone how sure the network was, and how regular the loop."""
+    timing = LoopTiming(
+        state_rate_hz=497.25,
+        stamp_rate_hz=500.0,
+        jitter_p50_s=1.2e-5,
+        jitter_p99_s=1.234e-3,
+        jitter_max_s=9.876e-3,
+        response_p99_s=4.56e-4,
+        response_max_s=7.89e-4,
+        missed_ticks=17,
+        warning="the loop was not regular: 17 of 900 ticks were missed",
+    )
+    second = Trial(2, timing=timing)
     made_of = [Trial(1), replace(second, std_rad=(0.03,) * second.n_points)]
     return write_report(write_run(tmp_path_factory.mktemp("sure") / "a-run", made_of))
 

@@ -18,7 +18,10 @@ from tel_ros.app.cli import main as tel
 from tel_ros.core.errors import ConfigError
 
 CONFIG = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
-QUICK = ("practice.first_duration_s=4", "practice.goal_duration_s=3", "control.path_tolerance_rad=2")
+QUICK = (
+    *("practice.first_duration_s=4", "practice.goal_duration_s=3", "control.path_tolerance_rad=2"),
+    *("control.rate_hz=200", "sim.physics_rate_hz=1000"),
+)
 
 
 def task(trials: int = 2) -> Task:

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from tel_lab.study import StudyOptions, study, study_command
+from tel_lab.workers import Workforce
 from tel_ros.core.errors import TelError
 
 
@@ -34,15 +35,19 @@ def of_a_missing_module(options: StudyOptions) -> None:
 
 
 @pytest.mark.timeout(120)
-def test_results_come_in_the_order_of_the_tasks() -> None:
-    found = list(StudyOptions(jobs=2).results(divided, {f"by {n}": (n,) for n in (1, 3, 2)}))
-    assert found == [6.0, 2.0, 3.0]
-
-
-@pytest.mark.timeout(120)
-def test_a_task_that_breaks_is_named() -> None:
+def test_results_come_in_the_order_of_the_tasks_and_one_that_breaks_is_named() -> None:
+    results = StudyOptions().results(divided, {f"by {n}": (n,) for n in (1, 3, 2, 0)})
+    assert [next(results) for _ in range(3)] == [6.0, 2.0, 3.0]
     with pytest.raises(TelError, match="by 0: ZeroDivisionError"):
-        list(StudyOptions().results(divided, {"by 0": (0,)}))
+        next(results)
+
+
+def test_results_that_are_ready_in_another_order_wait_for_their_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ready = iter([("third", 3), ("first", 1), ("second", 2)])
+    monkeypatch.setattr(Workforce, "run", lambda self, function, tasks: (pair for pair in ready))
+    assert list(StudyOptions(jobs=2).results(divided, {"first": (), "second": (), "third": ()})) == [1, 2, 3]
 
 
 def test_a_page_says_the_command_that_makes_it_without_where_and_how_fast(tmp_path: Path) -> None:

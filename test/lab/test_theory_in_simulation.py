@@ -18,6 +18,7 @@ from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
+COARSE = ("control.rate_hz=250", "sim.physics_rate_hz=1000")
 DIRECT = ("practice.strategy=direct", "practice.on_abort=continue")
 TOLERANCE_RAD = 0.005
 pytestmark = pytest.mark.timeout(120)
@@ -36,7 +37,7 @@ class Judged:
 
 
 def practise(*overrides: str) -> Judged:
-    config = load_config(PAPER, overrides)
+    config = load_config(PAPER, [*COARSE, *overrides])
     with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
         before = practice.learner
         done = practice.run()
@@ -76,7 +77,8 @@ def desired_training() -> Judged:
 
 @pytest.fixture(scope="module")
 def narrow_gaussians() -> Judged:
-    return practise(*DIRECT, "practice.trials=9", "learning.gaussians_per_input=40")
+    # As many samples as the 40 Gaussians of each input need.
+    return practise(*DIRECT, "practice.trials=9", "learning.gaussians_per_input=40", "control.rate_hz=500")
 
 
 @pytest.mark.parametrize("name", ["command_error_rad", "command_error_after_rad", "k_alpha"])

@@ -29,6 +29,7 @@ PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
 SHORT = (
     *("practice.trials=2", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
     *("control.approach_speed_rad_s=1.5", "learning.gaussians_per_input=5"),
+    *("control.rate_hz=250", "sim.physics_rate_hz=1000"),
 )
 
 

@@ -105,7 +105,7 @@ def test_a_file_that_ends_at_any_byte_gives_its_whole_chunks(tmp_path: Path, tri
     data = file.read_bytes()
     rng = np.random.default_rng(0)
     n_saved = []
-    for k, end in enumerate(sorted(rng.integers(4000, len(data), 12).tolist())):
+    for k, end in enumerate(sorted(rng.integers(4000, len(data), 6).tolist())):
         zeros, noise = bytes(len(data) - end), rng.bytes(len(data) - end)
         for tail in (b"", zeros, noise):
             file.write_bytes(data[:end] + tail)

@@ -27,7 +27,10 @@ def practised(name: str, *overrides: str) -> list[PractisedTrial[Trial]]:
     """Return two trials, the second one faster, that a rigid-body learner has practised."""
     config = load_config(
         CONFIG / f"{name}.yaml",
-        [*overrides, "practice.strategy=trajectory_extension", "learning.name=rigid_body"],
+        [
+            *(*overrides, "practice.strategy=trajectory_extension", "learning.name=rigid_body"),
+            *("control.rate_hz=250", "sim.physics_rate_hz=2000"),
+        ],
     )
     with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
         return practice.run()

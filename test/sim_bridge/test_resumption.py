@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -45,18 +45,30 @@ OVERRIDES = (
     *("practice.first_duration_s=4.0", "practice.goal_duration_s=3.0", "control.approach_speed_rad_s=1.5"),
     *("practice.trials=3", "practice.tolerance_rad=0.001", "practice.step_tolerance_rad=0.02"),
     *("learning.gaussians_per_input=5", "control.settle_time_s=0.2"),
+    *("control.rate_hz=250", "sim.physics_rate_hz=1000"),
     # What is on its way, and what is random, has to go on as well.
-    *("sim.command_delay_s=0.004", "sim.position_noise_rad=0.0001"),
+    *("sim.command_delay_s=0.008", "sim.position_noise_rad=0.0001"),
 )
 EQUAL = ("index", "alpha", "reason", "expected_rms_rad", "training_rms_after_rad", "grown", "outcome")
 
 
 @pytest.fixture(scope="module")
-def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that was not interrupted. Tests only look at it: making it takes seconds."""
-    folder, storage = tmp_path_factory.mktemp("runs") / "run", getattr(request, "param", "mcap")
-    record_run(folder, load_config(PLANAR_ARM, [*OVERRIDES, f"recording.storage={storage}"]))
-    return folder
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a run that was not interrupted, made once for each storage: ``runs("sqlite3")``."""
+
+    @cache
+    def made(storage: str) -> Path:
+        folder = tmp_path_factory.mktemp(storage) / "run"
+        record_run(folder, load_config(PLANAR_ARM, [*OVERRIDES, f"recording.storage={storage}"]))
+        return folder
+
+    return made
+
+
+@pytest.fixture
+def whole(request: pytest.FixtureRequest, runs: Callable[[str], Path]) -> Path:
+    """The run that was not interrupted. Tests only look at it."""
+    return runs(getattr(request, "param", "mcap"))
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ CONFIG_FOLDER = Path(__file__).parents[2] / "config"
 SHORT = (
     *("practice.first_duration_s=4.0", "practice.goal_duration_s=3.0", "control.approach_speed_rad_s=1.5"),
     *("learning.gaussians_per_input=5", "control.settle_time_s=0.2"),
+    *("control.rate_hz=200", "sim.physics_rate_hz=1000"),
 )
 RUNS = {
     "lms": ("paper.yaml", "practice.trials=2"),
@@ -34,7 +35,7 @@ RUNS = {
     "adaptive": (
         "planar_arm.yaml",
         *("practice.trials=3", "practice.first_duration_s=9.0", "practice.step_tolerance_rad=0.9"),
-        *("control.path_tolerance_rad=0.285", "practice.on_abort=continue", "control.rate_hz=200"),
+        *("control.path_tolerance_rad=0.285", "practice.on_abort=continue"),
         *("learning.weights=lms", "learning.rate=0.003", "learning.passes=1"),
     ),
 }

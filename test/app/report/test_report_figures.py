@@ -112,8 +112,8 @@ def test_where_every_trial_has_a_band_each_is_drawn_once(make_run: MakeRun) -> N
     assert [curves(axes) for axes in figure.axes] == [1] * 4
 
 
-@pytest.mark.parametrize("values", [(0.3, 0.1), (0.1, 0.3), (0.2, 0.2), (1e-4, 10.0)])
-@pytest.mark.parametrize(("n", "log"), [(1, False), (2, True), (4, True)])
+@pytest.mark.parametrize("values", [(0.3, 0.1), (0.1, 0.3), (1e-4, 10.0)])
+@pytest.mark.parametrize(("n", "log"), [(1, False), (4, True)])
 def test_the_legend_of_the_trials_covers_no_marker(values: tuple[float, float], n: int, log: bool) -> None:
     rows = read_rows(*values)
     with figure_style("practice"):

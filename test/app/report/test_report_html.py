@@ -5,18 +5,17 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_run import MakeRun, Trial, trials
+from made_up_run import MakeRun, Trial, trials, write_run
 
 from tel_ros.app.report.data import read_run
 from tel_ros.app.report.run import write_report
 from tel_ros.core.errors import BagError, InputFileError
-from tel_ros.core.trial import LoopTiming, Outcome
+from tel_ros.core.trial import Outcome
 
 
 class Page(HTMLParser):
@@ -95,12 +94,6 @@ def test_one_picture_of_each_trial_is_shown_at_a_time_in_one_frame(good_report: 
         for part in text.split('id="picture-')[1:]
     ]
     assert len(set(ticks)) == 1
-
-
-def test_a_single_trial_has_nothing_to_step_through(make_run: MakeRun) -> None:
-    page = Page(write_report(make_run([Trial(1)])))
-    assert "steps" not in [attrs.get("id") for _, attrs in page.tags]
-    assert page.count("input") == 0
 
 
 def test_the_table_has_the_numbers_of_the_summary(good_report: Path) -> None:
@@ -191,14 +184,27 @@ def test_the_colours_of_a_band_follow_the_page(sure_report: Path) -> None:
     assert style == "fill: var(--blue)"
 
 
-def test_markup_in_names_and_messages_is_shown_and_not_executed(make_run: MakeRun) -> None:
-    evil = "<script>alert('$x^$')</script>"
-    aborted = Trial(outcome=Outcome.ABORTED, message=f"left {evil}")
-    folder = make_run([aborted], outcome="aborted", message=f"trial 1 {evil}", arm_name=evil)
-    file = write_report(folder)
-    assert "<script" not in file.read_text()
+EVIL = "<script>alert('$x^$')</script>"
+
+
+@pytest.fixture(scope="module")
+def evil_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a run with a single trial, and with markup wherever somebody may write something."""
+    aborted = Trial(outcome=Outcome.ABORTED, message=f"left {EVIL}")
+    folder = tmp_path_factory.mktemp("evil") / "a-run"
+    return write_report(write_run(folder, [aborted], outcome="aborted", message=f"1 {EVIL}", arm_name=EVIL))
+
+
+def test_markup_in_names_and_messages_is_shown_and_not_executed(evil_report: Path) -> None:
+    assert "<script" not in evil_report.read_text()
     # The line about the run, its outcome, the outcome of the trial, the configuration.
-    assert Page(file).text.count("<script>alert(") == 4
+    assert Page(evil_report).text.count("<script>alert(") == 4
+
+
+def test_a_single_trial_has_nothing_to_step_through(evil_report: Path) -> None:
+    page = Page(evil_report)
+    assert "steps" not in [attrs.get("id") for _, attrs in page.tags]
+    assert page.count("input") == 0
 
 
 def test_a_run_without_any_movement_says_that_there_is_nothing_to_draw(make_run: MakeRun) -> None:
@@ -235,18 +241,7 @@ def test_a_missing_library_is_named_with_what_to_install(make_run: MakeRun, libr
     assert f"needs the Python module {library}, which comes with pip install 'tel_ros[report]'" in made.stderr
 
 
-def test_the_loop_is_reported_trial_by_trial_where_it_was_measured(make_run: MakeRun) -> None:
-    timing = LoopTiming(
-        state_rate_hz=497.25,
-        stamp_rate_hz=500.0,
-        jitter_p50_s=1.2e-5,
-        jitter_p99_s=1.234e-3,
-        jitter_max_s=9.876e-3,
-        response_p99_s=4.56e-4,
-        response_max_s=7.89e-4,
-        missed_ticks=17,
-        warning="the loop was not regular: 17 of 900 ticks were missed",
-    )
-    page = Page(write_report(make_run([Trial(1), replace(Trial(2), timing=timing)])))
+def test_the_loop_is_reported_trial_by_trial_where_it_was_measured(sure_report: Path) -> None:
+    page = Page(sure_report)
     assert "timing" in {attrs.get("id") for tag, attrs in page.tags if tag == "section"}
     assert "2 497.2 500.0 0.012 1.234 9.876 0.456 0.789 17 the loop was not regular: 17 of 900" in page.text

@@ -110,7 +110,8 @@ def test_what_cannot_be_reported_on_is_refused_and_named(
 
 
 def test_figures_of_an_earlier_report_in_other_formats_do_not_stay(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "a-run", trials(1))
+    without_movement = [Trial(outcome=Outcome.ABORTED, reached_run=False)]
+    run = write_run(tmp_path / "a-run", without_movement, outcome="aborted")  # has one figure
     assert report(run, "--figures", "svg,pdf").exit_code == 0
     once = (run / "figures" / "practice.pdf").read_bytes()
     assert report(run, "--figures", "pdf").exit_code == 0

@@ -43,9 +43,13 @@ class RoughLinks(TwoLinkArm):
     def step(self, effort_nm: np.ndarray, dt_s: float) -> None:
         """Pass a while in pieces, because dry friction is stiff."""
         for _ in range(_PIECES):
-            dry = self._coulomb_nm * np.tanh(np.array(self.v) / 0.003)
-            cogs = self._cogging_nm * np.sin(self._n_cogs * np.array(self.q))
-            super().step(effort_nm - dry - cogs, dt_s / _PIECES)
+            acting_nm = [
+                effort
+                - self._coulomb_nm * math.tanh(v / 0.003)
+                - self._cogging_nm * math.sin(self._n_cogs * q)
+                for effort, q, v in zip(effort_nm, self.q, self.v, strict=True)
+            ]
+            super().step(acting_nm, dt_s / _PIECES)
 
 
 class RoughArm(FaultyArm):

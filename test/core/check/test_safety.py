@@ -47,8 +47,12 @@ def guard(**bounds: float) -> PulseGuard:
     return PulseGuard(arm_config(), PulseBounds(**bounds), heard(0.0))
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("share", [0.02, 0.1])
+STRONGLY = ("", "flipped_effort", "effort_in_percent", "limited_effort", "frozen", "stale_stamps")
+
+
+@pytest.mark.parametrize(
+    ("fault", "share"), [*((fault, 0.02) for fault in FAULTS), *((fault, 0.1) for fault in STRONGLY)]
+)
 def test_no_command_exceeds_its_share_and_the_last_one_is_zero(fault: str, share: float) -> None:
     made = checked(fault, share)
     sent = np.abs(made.sent_nm)

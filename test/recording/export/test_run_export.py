@@ -149,8 +149,8 @@ def test_the_arm_is_described_as_it_was(exported: Export) -> None:
 
 
 def test_trials_of_a_clock_that_began_anew_come_one_after_another(run: Path, tmp_path: Path) -> None:
-    shutil.rmtree(run / "trial_002")
-    shutil.copytree(run / "trial_001", run / "trial_002")
+    shutil.rmtree(run / "trial_001")
+    shutil.copytree(run / "trial_002", run / "trial_001")  # the shorter one
     exported = export(run, tmp_path / "out")
     first, second = exported.trials
     assert second.begin_s == pytest.approx(first.end_s + GAP_NS / NS_PER_S)
