@@ -84,28 +84,28 @@ class TwoLinkArm:
 
     def step(self, effort_nm: FloatArray, dt_s: float) -> None:
         """Hold the torques for a while: one Runge-Kutta step of order 4, error below 1e-9 rad at 500 Hz."""
-        push = self.push(self.time_s)
-        t1, t2 = float(effort_nm[0]) + push[0], float(effort_nm[1]) + push[1]
-        x = (*self.q, *self.v)
-        k1 = self._rates(x, t1, t2)
-        k2 = self._rates(tuple(a + 0.5 * dt_s * b for a, b in zip(x, k1, strict=True)), t1, t2)
-        k3 = self._rates(tuple(a + 0.5 * dt_s * b for a, b in zip(x, k2, strict=True)), t1, t2)
-        k4 = self._rates(tuple(a + dt_s * b for a, b in zip(x, k3, strict=True)), t1, t2)
-        x = tuple(
-            a + dt_s / 6.0 * (b1 + 2 * b2 + 2 * b3 + b4)
-            for a, b1, b2, b3, b4 in zip(x, k1, k2, k3, k4, strict=True)
-        )
-        self.q, self.v = x[:2], x[2:]
+        push, h = self.push(self.time_s), 0.5 * dt_s
+        nm = float(effort_nm[0]) + push[0], float(effort_nm[1]) + push[1]
+        (q1, q2), (v1, v2) = self.q, self.v
+        a1, a2 = self._acceleration(q2, v1, v2, *nm)
+        w1, w2 = v1 + h * a1, v2 + h * a2
+        b1, b2 = self._acceleration(q2 + h * v2, w1, w2, *nm)
+        x1, x2 = v1 + h * b1, v2 + h * b2
+        c1, c2 = self._acceleration(q2 + h * w2, x1, x2, *nm)
+        y1, y2 = v1 + dt_s * c1, v2 + dt_s * c2
+        d1, d2 = self._acceleration(q2 + dt_s * x2, y1, y2, *nm)
+        sixth = dt_s / 6.0
+        self.q = q1 + sixth * (v1 + 2 * w1 + 2 * x1 + y1), q2 + sixth * (v2 + 2 * w2 + 2 * x2 + y2)
+        self.v = v1 + sixth * (a1 + 2 * b1 + 2 * c1 + d1), v2 + sixth * (a2 + 2 * b2 + 2 * c2 + d2)
         self.time_s += dt_s
 
-    def _rates(self, x: tuple[float, ...], t1: float, t2: float) -> tuple[float, ...]:
-        _, q2, v1, v2 = x
+    def _acceleration(self, q2: float, v1: float, v2: float, t1: float, t2: float) -> tuple[float, float]:
         c, s = self._coupling * cos(q2), self._coupling * sin(q2)
         r1 = t1 - self.friction * v1 + s * (2 * v1 * v2 + v2 * v2)
         r2 = t2 - self.friction * v2 - s * v1 * v1
         m11, m12, m22 = self._carried + self._elbow + 2 * c, self._elbow + c, self._elbow
         det = m11 * m22 - m12 * m12
-        return v1, v2, (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
+        return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
 
 
 @dataclass

@@ -28,8 +28,7 @@ def test_a_bag_that_was_never_closed_is_named(make_run: MakeRun, index: int) -> 
     assert note.startswith(f"Trial {index} is not drawn: its bag cannot be used: trial_{index:03d}: has no")
 
 
-@pytest.mark.parametrize("index", [2, 3])
-@pytest.mark.parametrize("share", [0.5, 0.98])
+@pytest.mark.parametrize(("index", "share"), [(2, 0.5), (3, 0.98)])
 def test_a_truncated_bag_is_named(make_run: MakeRun, index: int, share: float) -> None:
     folder = make_run(trials(4))
     (file,) = (folder / f"trial_{index:03d}").glob("*.mcap")

@@ -103,18 +103,14 @@ def test_states_that_come_late_are_found_by_their_age_and_by_the_delay() -> None
     assert of(findings, "age of states").blocks
 
 
-@pytest.mark.parametrize("posture", POSTURES)
-def test_20_ms_of_delay_are_found_and_measured(posture: tuple[float, float]) -> None:
-    _, findings = check("command_delay", posture)
+def test_20_ms_of_delay_are_found_and_measured() -> None:
+    _, findings = check("command_delay")
     assert wrong(findings) == {("round-trip delay", "")}
     assert float(of(findings, "round-trip delay").measured.split()[0]) == pytest.approx(20.0, abs=2.5)
 
 
-@pytest.mark.parametrize("posture", POSTURES)
-def test_a_dead_effort_channel_is_found_and_the_other_joint_is_not_blamed(
-    posture: tuple[float, float],
-) -> None:
-    _, findings = check("dead_channel", posture)
+def test_a_dead_effort_channel_is_found_and_the_other_joint_is_not_blamed() -> None:
+    _, findings = check("dead_channel")
     assert wrong(findings) == {("effort channel", "shoulder")}
     assert of(findings, "effort channel", "shoulder").measured == "nothing moves at ±0.4 N·m"
 
@@ -213,8 +209,7 @@ def test_a_delay_that_the_effort_field_hides_is_found_in_the_motion() -> None:
     assert "by the effort field" in delay.measured
 
 
-@pytest.mark.parametrize("cogging_nm", [0.1, 0.3])
-@pytest.mark.parametrize("off_rad", [0.0, 0.005])
+@pytest.mark.parametrize(("cogging_nm", "off_rad"), [(0.1, 0.005), (0.3, 0.0), (0.3, 0.005)])
 def test_cogging_is_no_fault(cogging_nm: float, off_rad: float) -> None:
     posture = (np.pi / 20 + off_rad, 3 * np.pi / 20 + off_rad)  # at rest between two cogs, or nearly so
     _, findings = check("", posture, cogging_nm=cogging_nm, coulomb_nm=0.03)

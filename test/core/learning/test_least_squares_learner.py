@@ -218,7 +218,7 @@ def test_the_same_arm_at_rising_speeds_is_not_taken_for_another(
     solved: Callable[..., Learner], noise_rad: float
 ) -> None:
     learner = solved()
-    for k, duration_s in enumerate(np.linspace(11.5, 4.5, 8)):
+    for k, duration_s in enumerate(DURATIONS_S):
         learner, outcome = learner.trained_on(noisy(trial(duration_s), k, noise_rad), "actual")
         assert CHANGED not in " ".join(outcome.grown), f"at {duration_s} s"
 
@@ -228,8 +228,8 @@ def test_the_same_arm_with_more_noise_is_not_taken_for_another(
     solved: Callable[..., Learner], times: float
 ) -> None:
     learner = solved()
-    for k, duration_s in enumerate(np.linspace(11.5, 4.5, 8)):
-        noise_rad = NOISE_RAD if k < 4 else times * NOISE_RAD
+    for k, duration_s in enumerate(DURATIONS_S):
+        noise_rad = NOISE_RAD if k < 3 else times * NOISE_RAD
         learner, outcome = learner.trained_on(noisy(trial(duration_s), k, noise_rad), "actual")
         assert CHANGED not in " ".join(outcome.grown), f"at {duration_s} s"
 
