@@ -14,6 +14,7 @@ from tel_ros.app.command_group import extensions, load
 from tel_ros.app.plotting import inline_svg
 from tel_ros.app.report import figures, text
 from tel_ros.app.report.data import RunData, TrialRow, read_drawable, read_run
+from tel_ros.app.report.limits import limits
 from tel_ros.app.report.page import Content, Section, block, write_page
 from tel_ros.recording.run_folder import SUMMARY_FILE
 
@@ -80,6 +81,7 @@ RESULTS: tuple[Section[RunData], ...] = (
         "is far off the scale is named instead of drawn.",
         of_movements=True,
     ),
+    Section("limits", "How near to the limits", limits, "limits"),
     Section("tracking", "Tracking error of the joints", tracking, "tracking", of_movements=True),
     Section("trials", "Trials", _table("trials")),
     Section("timing", "Timing of the control loop", _table("timing", lambda trial: trial.timing)),

@@ -50,6 +50,7 @@ class Page:
     ) -> None:
         self._server, self._controls = server, controls
         self._joints = [re.sub(r"[^\w .-]", "?", joint) for joint in arm.joints]  # names from a file
+        self._effort_limit_nm = arm.effort_limit_nm
         self._prepare_scene(view)
         self._arm, self._ghost = self._robots(arm)
         names = list(self._arm.get_actuated_joint_names())
@@ -93,7 +94,7 @@ class Page:
 
     def show_history(self, history: History) -> None:
         """Show the trials that have ended: a table, and their paths, older ones paler."""
-        table = trials_html(history.trials)
+        table = trials_html(history.trials, self._effort_limit_nm)
         if table == self._tabled:
             return
         self._tabled = table

@@ -25,10 +25,12 @@ _TABLE_STYLE = (
 )
 
 
-def trials_html(trials: Sequence[tuple[TrialResult, str]]) -> str:
+def trials_html(trials: Sequence[tuple[TrialResult, str]], effort_limit_nm: Sequence[float]) -> str:
     """Return the table of the trials that have ended, each with its reason, the newest first."""
     rows = ""
     for trial, reason in reversed(trials):
+        shares = [100.0 * nm / limit for nm, limit in zip(trial.max_effort_nm, effort_limit_nm, strict=False)]
+        share, joint = max(zip(shares, trial.joint_names, strict=False), default=(math.nan, ""))
         ended = "" if trial.outcome == Outcome.COMPLETED else Outcome(trial.outcome).text
         times = f"{trial.alpha:.3f}", f"{trial.duration_s:.2f}"
         cells = (
@@ -36,12 +38,14 @@ def trials_html(trials: Sequence[tuple[TrialResult, str]]) -> str:
             *times,
             fixed(trial.rms_error_rad, 4),
             fixed(trial.max_error_rad, 3),
+            f"{fixed(share, 0)} % {escape(joint)}",
             ended,
         )
         rows += f'<tr title="{escape(reason)}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>'
     if not rows:
         return '<p data-testid="trials">No trial has ended since this page was opened.</p>'
-    head = "<tr><th>trial</th><th>α</th><th>time s</th><th>RMS rad</th><th>max rad</th><th></th></tr>"
+    headings = ("trial", "α", "time s", "RMS rad", "max rad", "torque", "")
+    head = f"<tr>{''.join(f'<th>{heading}</th>' for heading in headings)}</tr>"
     return f'{_TABLE_STYLE}<table class="tel" data-testid="trials">{head}{rows}</table>'
 
 

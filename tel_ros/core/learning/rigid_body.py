@@ -65,6 +65,8 @@ class RigidBodyRegressor:
         except (TelError, ValueError, RuntimeError) as error:
             raise refused(f"a URDF with these joints that Pinocchio reads ({error})") from None
         self._regressor = partial(pinocchio.computeJointTorqueRegressor, model, model.createData())
+        self.described = np.concatenate([body.toDynamicParameters() for body in model.inertias.tolist()[1:]])
+        """What the URDF says of the links: parameters without friction."""
         self._order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
         self.n_joints = len(joints)
         self.n_parameters = _PER_LINK * (model.njoints - 1) + 2 * self.n_joints

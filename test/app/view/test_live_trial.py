@@ -143,9 +143,13 @@ def test_there_is_no_band_while_nothing_is_known(std_rad: float | None) -> None:
     assert np.isnan(live.std_rad).all()
 
 
+LIMIT_NM = (20.0, 10.0)
+
+
 def ended(index: int, outcome: Outcome = Outcome.COMPLETED, reason: str = "") -> tuple[Any, str]:
     numbers = {"alpha": 0.5, "duration_s": 4.0, "rms_error_rad": 0.01234, "max_error_rad": 0.0567}
-    return SimpleNamespace(index=index, outcome=outcome, **numbers), reason
+    efforts = {"joint_names": ["shoulder", "elbow"], "max_effort_nm": [5.0, 9.0]}
+    return SimpleNamespace(index=index, outcome=outcome, **numbers, **efforts), reason
 
 
 def moved(index: int) -> LiveTrial:
@@ -159,10 +163,11 @@ def test_the_table_has_a_row_a_trial_and_the_newest_first() -> None:
     history = History()
     history.end(*ended(1), None)
     history.end(*ended(2, Outcome.ABORTED, "it left the path tolerance"), None)
-    table = trials_html(history.trials)
+    table = trials_html(history.trials, LIMIT_NM)
     assert table.index("<td>2</td>") < table.index("<td>1</td>")
     assert "0.0123" in table
     assert "aborted" in table
+    assert "90 % elbow" in table  # the joint that is nearest to its limit
     assert 'title="it left the path tolerance"' in table
 
 
@@ -201,10 +206,10 @@ def status(**changed: object) -> str:
 def test_what_comes_from_outside_is_text_on_the_page_and_nothing_else() -> None:
     history = History()
     history.end(*ended(1, reason=f'"{SCRIPT}'), None)
-    for html in (trials_html(history.trials), status(stage=SCRIPT, answer=SCRIPT)):
+    for html in (trials_html(history.trials, LIMIT_NM), status(stage=SCRIPT, answer=SCRIPT)):
         assert "<img" not in html
         assert "&lt;img" in html
-    assert 'title="&quot;&lt;img' in trials_html(history.trials)
+    assert 'title="&quot;&lt;img' in trials_html(history.trials, LIMIT_NM)
 
 
 def test_a_number_of_trials_that_is_a_guess_is_said_to_be_one() -> None:
