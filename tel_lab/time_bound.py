@@ -13,8 +13,8 @@ import numpy as np
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.learning.inputs import stack_inputs
-from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.types import FloatArray
+from tel_ros.core.trajectories.paths import Derivatives, Path
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 GRID = 1000
 """Intervals along the path; twice as many change the duration by less than 0.1 %."""
@@ -38,6 +38,14 @@ class TimeBound:
     @property
     def duration_s(self) -> float:
         return float(self.time_s[-1])
+
+    def at(self, time_ns: IntArray) -> Derivatives:
+        """Return s, ds/dt and d²s/dt²: as a timing, with the jumps of effort that no drive can follow."""
+        time_s = np.clip(time_ns / NS_PER_S, 0.0, self.duration_s)
+        k = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.s) - 2)
+        dds = 0.5 * np.diff(self.rate**2) / np.diff(self.s)
+        t = time_s - self.time_s[k]
+        return self.s[k] + t * (self.rate[k] + 0.5 * t * dds[k]), self.rate[k] + t * dds[k], dds[k]
 
 
 def time_bound(arm: ArmConfig, model: Model, path: Path, share: float = 1.0, grid: int = GRID) -> TimeBound:

@@ -17,7 +17,7 @@ from tel_ros.app.plotting import BLUE, FAINT, GREY, INK, ORANGE, SOFT
 
 WIDTH_IN = 10.5
 _ROW_IN = 0.27
-_COLOURS = {"nothing": INK, "kinematics": INK, "model": ORANGE}
+_COLOURS = {"nothing": INK, "kinematics": INK, "urdf": ORANGE, "model": ORANGE}
 _FAMILY = "tel_adaptive"
 _CAPTION = (
     "Dots: medians over the arms; lines: their 95 % intervals; ticks below: single arms. Less is better."

@@ -18,9 +18,10 @@ from tel_lab.tables import Column, Table, filled, of_texts, write_figure
 from tel_ros.core.errors import InputFileError
 from tel_ros.recording.run_folder import json_ready
 
-GIVEN_MARK: dict[str, str] = {"nothing": "", "kinematics": " ¹", "model": " ²"}
+GIVEN_MARK: dict[str, str] = {"nothing": "", "kinematics": " ¹", "urdf": " ²", "model": " ³"}
 GIVEN_NOTE = (
-    "¹ is told the kinematics of the arm; ² is told the whole model. All others are told K and B alone."
+    "¹ is told the kinematics of the arm, ² the inertias and frictions of its URDF as well, ³ the true ones. "
+    "All others are told K and B alone."
 )
 NONE, NEVER = "–", "never"
 NAME = "comparison"

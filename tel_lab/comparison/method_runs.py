@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tel_lab.comparison.methods import MethodSpec, chosen, goal_movement
+from tel_lab.comparison.methods import MethodSpec, chosen, exact_model, goal_movement
 from tel_lab.comparison.results import MethodRun, TrialResult
 from tel_lab.comparison.servo_methods import Feedforward, Method
 from tel_lab.offline import OfflineArm, OfflinePractice
 from tel_lab.random_arm import vary
 from tel_lab.random_path import random_smooth_path
 from tel_lab.study import StudyOptions, assignments
+from tel_lab.time_bound import time_bound
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, TrainingError
 from tel_ros.core.learning.signals import learning_record
@@ -99,15 +100,18 @@ def run_method(task: Task, name: str, seed: int) -> MethodRun:
     config = method_config(task, spec, seed)
     started = time.process_time()
     method = spec.make(config)
-    trials, final, new_path, message = _repeated(config, method, seed) if method else _practised(config, seed)
+    trials, final, new_path, message = (
+        _repeated(config, method, spec.movement(config), seed) if method else _practised(config, seed)
+    )
     return MethodRun(
         method=name,
         seed=seed,
-        goal_duration_s=config.practice.goal_duration_s,
+        goal_duration_s=final.duration_s if spec.is_fastest else config.practice.goal_duration_s,
         tolerance_rad=config.practice.tolerance_rad,
         trials=tuple(trials),
         final=final,
         new_path=new_path,
+        bound_s=time_bound(config.arm, exact_model(config), load_path(config.path, config.arm)).duration_s,
         cpu_s=time.process_time() - started,
         message=message,
     )
@@ -116,9 +120,9 @@ def run_method(task: Task, name: str, seed: int) -> MethodRun:
 _Achieved = tuple[list[TrialResult], TrialResult, TrialResult | None, str]
 
 
-def _repeated(config: Config, method: Method, seed: int) -> _Achieved:
-    """Run a method that executes the wanted movement in every trial; one is enough if it does not learn."""
-    desired, messages, trials = goal_movement(config), [], []
+def _repeated(config: Config, method: Method, desired: DesiredTrajectory, seed: int) -> _Achieved:
+    """Run a method that executes the same movement in every trial; one is enough if it does not learn."""
+    messages, trials = list[str](), []
     with OfflineArm(config) as arm:
         for index in range(1, (config.practice.trials if method.learns else 1) + 1):
             trial = arm.run_trial(TrialGoal(index, 1.0, desired, method.command(desired)))
@@ -127,7 +131,7 @@ def _repeated(config: Config, method: Method, seed: int) -> _Achieved:
                 method.learn(learning_record(trial), trial.report.outcome == Outcome.COMPLETED)
             except TrainingError as error:
                 messages.append(f"trial {index} was not learned from: {error}")
-        return trials, *_tested(arm, method, config, seed), "; ".join(messages)
+        return trials, *_tested(arm, method, desired, config, seed), "; ".join(messages)
 
 
 def _practised(config: Config, seed: int) -> _Achieved:
@@ -140,25 +144,28 @@ def _practised(config: Config, seed: int) -> _Achieved:
     with OfflinePractice(config, path, new_network(config)) as practice:
         done, ending = practice.run(), practice.ending
         assert ending is not None  # it has just run
+        is_fastest = config.practice.is_fastest
         if ending.outcome == "completed":
-            goal = Movement(config.practice.goal_duration_s)
+            goal = done[-1].plan.movement if is_fastest else Movement(config.practice.goal_duration_s)
             for index in range(len(done) + 1, config.practice.trials + 1):
                 done.append(practice.run_trial(PlannedTrial(index, 1.0, goal)))
         trials = [_result(practised.report) for practised in done]
         learned = Feedforward(practice.learner.predict, 1.0 / config.control.rate_hz)
-        return trials, *_tested(practice.arm, learned, config, seed), ending.message
+        wanted = (
+            practice.session.commanded(done[-1].plan).goal.desired if is_fastest else goal_movement(config)
+        )
+        return trials, *_tested(practice.arm, learned, wanted, config, seed), ending.message
 
 
 def _tested(
-    arm: OfflineArm, method: Method, config: Config, seed: int
+    arm: OfflineArm, method: Method, wanted: DesiredTrajectory, config: Config, seed: int
 ) -> tuple[TrialResult, TrialResult | None]:
     """Execute the wanted movement and one that was never practised; nothing is learned from either."""
 
     def tested(desired: DesiredTrajectory) -> TrialResult:
         return _result(arm.run_trial(TrialGoal(0, 1.0, desired, method.command(desired))).report)
 
-    final = tested(goal_movement(config))
-    return final, tested(new_movement(config, seed)) if method.transfers else None
+    return tested(wanted), tested(new_movement(config, seed)) if method.transfers else None
 
 
 def new_movement(config: Config, seed: int) -> DesiredTrajectory:

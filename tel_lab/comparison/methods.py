@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,12 +18,17 @@ from tel_lab.comparison.stored_command import (
     VirtualTrajectoryLearning,
 )
 from tel_lab.exact_model import ExactInverseDynamics
+from tel_lab.time_bound import Model, time_bound
 from tel_ros.core.config import Config
 from tel_ros.core.config_fields import read_record
 from tel_ros.core.errors import ConfigError
+from tel_ros.core.practice.learned_timings import VELOCITY_SHARE
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample
+from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording.network_file import new_network
 from tel_ros.recording.waypoint_file import load_path
+
+_REST_TICKS = 2
 
 
 @dataclass(frozen=True)
@@ -33,14 +38,24 @@ class MethodSpec:
     name: str
     title: str
     note: str
-    given: Literal["nothing", "kinematics", "model"] = "nothing"
+    given: Literal["nothing", "kinematics", "urdf", "model"] = "nothing"
     settings: dict[str, Any] = field(default_factory=dict)
     commands: str = ""
+    timing: Literal["", "urdf", "model"] = ""
     stiffer: tuple[float, float] = (1.0, 1.0)
 
     def make(self, config: Config) -> Method | None:
         """Return the method for one arm; None: the configured practice strategy and learner."""
         return MAKERS[self.commands](config) if self.commands else None
+
+    @property
+    def is_fastest(self) -> bool:
+        """Whether it is to be as fast as the arm can, instead of as fast as configured."""
+        return bool(self.timing) or self.settings.get("practice.goal") == "fastest"
+
+    def movement(self, config: Config) -> DesiredTrajectory:
+        """Return what it executes in every trial, unless it practises."""
+        return fastest_movement(config, MODELS[self.timing](config)) if self.timing else goal_movement(config)
 
 
 METHODS: dict[str, MethodSpec] = {
@@ -67,19 +82,56 @@ def goal_movement(config: Config) -> DesiredTrajectory:
     return sample(path, config.practice.goal_duration_s, config.control.rate_hz)
 
 
+def exact_model(config: Config) -> Model:
+    return ExactInverseDynamics(config, config.sim).predict
+
+
+def urdf_model(config: Config) -> Model:
+    """Return the inverse dynamics that the URDF describes, whatever has been made of the simulated arm."""
+    friction = {"viscous_friction_nms_per_rad": (), "coulomb_friction_nm": ()}
+    sim = replace(config.sim, inertia_scale=1.0, payload_kg=0.0, **friction)  # type: ignore[arg-type]
+    return ExactInverseDynamics(config, sim).predict
+
+
+def fastest_movement(config: Config, model: Model) -> DesiredTrajectory:
+    """Return the movement that is time-optimal for a model of the arm, with the room that practice leaves.
+
+    A few ticks of rest before and after it, since the controller holds the first and the last command.
+    """
+    path, arm = load_path(config.path, config.arm), config.arm
+    slower = replace(arm, velocity_limit_rad_s=tuple(VELOCITY_SHARE * v for v in arm.velocity_limit_rad_s))
+    timing = time_bound(slower, model, path, config.practice.effort_share)
+    moving = sample(path, timing, config.control.rate_hz)
+    n, ends = len(moving.time_ns) + 2 * _REST_TICKS, ((_REST_TICKS, _REST_TICKS), (0, 0))
+    return DesiredTrajectory(
+        np.round(np.arange(n) * (NS_PER_S / config.control.rate_hz)).astype(np.int64),
+        np.pad(moving.position_rad, ends, mode="edge"),
+        np.pad(moving.velocity_rad_s, ends),
+        np.pad(moving.acceleration_rad_s2, ends),
+    )
+
+
+MODELS: dict[str, Callable[[Config], Model]] = {"urdf": urdf_model, "model": exact_model}
+
+
 def _stored(kind: type[StoredCommand], config: Config) -> Method:
     """Return a command that is corrected from trial to trial, and begins as that of the usual servo."""
-    desired, arm = goal_movement(config), config.arm
-    damping_s = np.array(arm.damping_nms_per_rad) / np.array(arm.stiffness_nm_per_rad)
-    initial_rad = servos.with_velocity_reference(desired, damping_s)
+    desired = goal_movement(config)
+    initial_rad = servos.with_velocity_reference(desired, _damping_s(config))
     return kind(desired, initial_rad, 1.0 / config.control.rate_hz)
+
+
+def _damping_s(config: Config) -> FloatArray:
+    """Return K⁻¹ B. Shape (n_joints,)."""
+    return np.array(config.arm.damping_nms_per_rad) / np.array(config.arm.stiffness_nm_per_rad)
 
 
 MAKERS: dict[str, Callable[[Config], Method]] = {
     "servo": lambda config: servos.servo(1.0 / config.control.rate_hz),
-    "exact": lambda config: servos.Feedforward(
-        ExactInverseDynamics(config, config.sim).predict, 1.0 / config.control.rate_hz
+    "pd_servo": lambda config: servos.Feedforward(
+        lambda inputs: _damping_s(config) * np.split(inputs, 3, axis=1)[1], 1.0 / config.control.rate_hz
     ),
+    "exact": lambda config: servos.Feedforward(exact_model(config), 1.0 / config.control.rate_hz),
     "feedback_error": lambda config: servos.FeedbackErrorLearning(
         new_network(config), 1.0 / config.control.rate_hz
     ),

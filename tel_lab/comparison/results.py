@@ -38,6 +38,8 @@ class MethodRun:
     """One more trial of the movement with what was learned."""
     new_path: TrialResult | None
     """A movement that was never practised; None if the method has no command for it."""
+    bound_s: float
+    """How fast this arm could run the path at all."""
     cpu_s: float
     message: str = ""
 
@@ -60,6 +62,11 @@ class MethodRun:
         """Time of the arm until the end of that trial; inf if there was none."""
         number = self.trials_to_tolerance
         return number if math.isinf(number) else _busy_s(*self.trials[: int(number)])
+
+    @property
+    def time_over_bound(self) -> float:
+        """Duration of the movement after practice, as a multiple of the time-optimal one; inf if aborted."""
+        return self.final.duration_s / self.bound_s if self.final.completed else math.inf
 
     @property
     def final_error_rad(self) -> float:
@@ -109,6 +116,7 @@ COLUMNS = (
     MeritColumn("trials_to_tolerance", "trials to tolerance"),
     MeritColumn("arm_s_to_tolerance", "arm seconds to tolerance"),
     MeritColumn("final_error_rad", "final RMS error"),
+    MeritColumn("time_over_bound", "time / time-optimal"),
     MeritColumn("largest_deviation_rad", "largest deviation"),
     MeritColumn("aborts", "aborts"),
     MeritColumn("new_path_error_rad", "RMS error on a new path"),

@@ -25,6 +25,7 @@ def run(
         tolerance_rad=5e-3,
         trials=(trial(0.1), trial(final_rad, largest_rad=largest_rad, completed=completed)),
         final=trial(final_rad, completed=completed),
+        bound_s=1.5,
         new_path=None if new_rad is None else trial(new_rad, completed=completed),
         cpu_s=0.5,
         message="said, by the strategy",

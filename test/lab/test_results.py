@@ -19,7 +19,7 @@ def trial(
 def run(
     *trials: TrialResult, new_path: TrialResult | None = None, final: TrialResult | None = None
 ) -> MethodRun:
-    return MethodRun("method", 1, 4.5, 5e-3, trials, final or trial(4.5, 1e-3), new_path, cpu_s=1.0)
+    return MethodRun("method", 1, 4.5, 5e-3, trials, final or trial(4.5, 1e-3), new_path, 1.5, cpu_s=1.0)
 
 
 def test_only_completed_trials_at_the_goal_speed_count_as_learned() -> None:
@@ -52,8 +52,13 @@ def test_the_arm_is_busy_in_tests_too() -> None:
     assert run(trial(4.5, 0.1), new_path=trial(3.0, 0.1)).arm_s == 6.5 + 6.5 + 5.0
 
 
+def test_a_movement_is_as_many_times_as_long_as_the_arm_could_do_it_in() -> None:
+    assert run(trial(4.5, 0.1)).time_over_bound == 3.0
+    assert run(trial(4.5, 0.1), final=trial(4.5, 0.1, completed=False)).time_over_bound == math.inf
+
+
 def test_columns_have_keys_of_their_own() -> None:
-    assert len({column.key for column in COLUMNS}) == len(COLUMNS) == 6
+    assert len({column.key for column in COLUMNS}) == len(COLUMNS) == 7
 
 
 def test_the_interval_of_ten_values_lies_between_the_second_and_the_ninth() -> None:
