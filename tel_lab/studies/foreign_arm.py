@@ -111,8 +111,10 @@ def seen(case: str, guarded: bool, seed: int, folder: Path, overrides: tuple[str
     summary = run / "summary.json"
     trials = json.loads(summary.read_text())["trials"] if summary.exists() else []
     words = said.strip().splitlines()[-1] if said.strip() else ""
-    if case == "weak" and trials:
-        words = trials[-1]["message"]
+    told = [trial["message"] for trial in trials if trial["message"] and trial["message"] not in words]
+    if case == "weak":
+        told += [f"{trial['saturated_ratio']:.0%} of its samples count as clipped" for trial in trials]
+    words = "; ".join([*told, words])
     from_s = stopped_s if case in ("ctrl_c", "tel_stop") else float(fault_s)
     return judged(case, begun_s, from_s, rows, commands, run, len(trials), words)
 
