@@ -12,6 +12,7 @@ from rclpy.node import Node
 from tel_interfaces.srv import LoadNetwork, PredictEquilibrium, SaveNetwork, TrainOnTrials
 
 from tel_ros.core.errors import TelError, TrainingError, counted
+from tel_ros.core.learning import tree_kernels  # noqa: F401 - before it is waited for
 from tel_ros.core.learning.learner import Learner, TrainingOutcome
 from tel_ros.core.learning.signals import configured_samples, learning_record
 from tel_ros.core.practice.session import predicted

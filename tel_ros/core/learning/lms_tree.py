@@ -8,11 +8,11 @@ about it; where it had to be chosen it is ours, and marked so.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 
-from tel_ros.core.learning import tree_kernels
 from tel_ros.core.learning.inputs import input_name
 from tel_ros.core.learning.learner import LearnerContext
 from tel_ros.core.types import FloatArray, IntArray
@@ -51,15 +51,21 @@ class LmsTree:
         """Subtrees grown so far, the root not counted."""
         return len(self.parents)
 
+    @property
+    def _kernels(self) -> ModuleType:
+        from tel_ros.core.learning import tree_kernels  # late: compiled code takes long to load
+
+        return tree_kernels
+
     def features(self, inputs: FloatArray) -> FloatArray:
         """Return ψ, all g_k φ_d,i: (n, (1 + n_subtrees) * D * G) for inputs of shape (n, D)."""
         form = (self.parents, self.n_gaussians, self._sigma, self.normalised)
-        return tree_kernels.features(np.ascontiguousarray(inputs), *form)
+        return self._kernels.features(np.ascontiguousarray(inputs), *form)
 
     def predict(self, inputs: FloatArray) -> FloatArray:
         """Return N(x). Input shape (n, D) in 0 … 1, output shape (n,)."""
         form = (self.parents, self.weights, self._sigma, self.normalised)
-        return tree_kernels.predict(np.ascontiguousarray(inputs), *form)
+        return self._kernels.predict(np.ascontiguousarray(inputs), *form)
 
     def grow(self, leaf: Leaf) -> None:
         """Hang a new subtree with zero weights under a leaf; the output does not change."""
@@ -100,7 +106,7 @@ class LmsTree:
         order = np.arange(len(inputs)) if order is None else order
         self.weights = self.weights.copy()
         form = (order, self.parents, self.weights, self._sigma, self.normalised, rate)
-        return tree_kernels.lms_pass(np.ascontiguousarray(inputs), np.ascontiguousarray(target), *form)
+        return self._kernels.lms_pass(np.ascontiguousarray(inputs), np.ascontiguousarray(target), *form)
 
 
 def new_trees(context: LearnerContext) -> list[LmsTree]:
