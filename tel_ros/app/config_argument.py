@@ -48,7 +48,6 @@ def overrides_option(about: str) -> Callable[[F], F]:
 
 
 def _full_namespace(context: click.Context, option: click.Parameter, value: str) -> str:
-    """Return a ROS namespace with one slash, at its beginning."""
     full = "/" + value.strip("/")
     if full != "/" and not re.fullmatch(r"(/[A-Za-z][A-Za-z0-9_]*)+", full):
         expected = "letters, digits and _, as in left or lab/left"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,17 +16,18 @@ _ASIDE = 0.2
 """How far the target is moved, as a share of the size: the panel hides the right part of the picture."""
 
 
-@dataclass(frozen=True)
-class Plane:
-    """A plane to draw in: an origin, shape (3,), and two unit vectors with their names, shape (2, 3)."""
+class Plane(NamedTuple):
+    """A plane to draw in: an origin, shape (3,), and two unit vectors with their names, shape (2, 3).
+
+    ``out_of_plane_m``: largest distance of a position from it. ``principal``: whether the axes are those of
+    largest extent, not those of the base frame.
+    """
 
     origin_m: FloatArray
     axes: FloatArray
     names: tuple[str, str]
     out_of_plane_m: float
-    """Largest distance of a position from it."""
     principal: bool
-    """Whether the axes are those of largest extent, not those of the base frame."""
 
     def project(self, positions_m: FloatArray) -> FloatArray:
         """Return the coordinates [m] in the plane of positions of shape (n, 3). Shape (n, 2)."""

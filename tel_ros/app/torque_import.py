@@ -73,20 +73,11 @@ def import_and_train(
     recordings, others, doubts = read_sources(sources, wanted)
     joints = recordings[0].joints
     urdf_text, assumed = arm_description(file, joints, others) if file else ("", [])
-    parts = [
-        part
-        for recording in recordings
-        for part in torque_samples(recording, cutoff_hz=cutoff_hz, most_hz=rate_hz)
-    ]
-    learning = LearningConfig(
-        name=learner,
-        weights=weights,
-        max_subtrees=max_subtrees,
-        # All blocks are of the same arm.
-        detect_change=False,
-        # What lies outside the recorded range is reported as extrapolated.
-        input_margin=1.0,
-    )
+    samples = (torque_samples(recording, cutoff_hz=cutoff_hz, most_hz=rate_hz) for recording in recordings)
+    parts = [part for parts in samples for part in parts]
+    # All blocks are of the same arm, and what lies outside the recorded range is reported as extrapolated.
+    settings: dict[str, Any] = {"detect_change": False, "input_margin": 1.0}
+    learning = LearningConfig(name=learner, weights=weights, max_subtrees=max_subtrees, **settings)
 
     def new_learner(input_range: InputRange, unit_nm: FloatArray, std_factor: FloatArray) -> Learner:
         return kind.new(
@@ -153,9 +144,7 @@ def extrapolation_warning(learner: Learner, prediction: TorquePrediction) -> str
     n, n_extrapolated = len(prediction.extrapolated), int(np.count_nonzero(prediction.extrapolated))
     if not n_extrapolated:
         return ""
-    joints = learner.context.joints
-    reasons = []
-    columns = prediction.outside.sum(axis=0)
+    joints, reasons, columns = learner.context.joints, list[str](), prediction.outside.sum(axis=0)
     if columns.any():
         named = [input_name(joints, int(c)) for c in np.argsort(-columns, kind="stable")[:3] if columns[c]]
         reasons.append(f"outside of the range that was learned ({', '.join(named)})")

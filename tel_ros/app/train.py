@@ -141,7 +141,6 @@ def _comparison(retraining: Retraining) -> str:
 
 
 def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str, **settings: Any) -> None:
-    """Learn torque from recordings, and print how good it is."""
     # Imported late: it takes half a second.
     from tel_ros.app.torque_import import import_and_train
 

@@ -67,8 +67,7 @@ class BagWriter:
         self, bag: Path, metadata: Mapping[str, str], recording: RecordingConfig | None = None
     ) -> None:
         recording = recording or RecordingConfig()
-        self.bag = bag
-        self._staging = bag.parent / UNFINISHED / bag.name
+        self.bag, self._staging = bag, bag.parent / UNFINISHED / bag.name
         if bag.exists():
             raise BagError(bag, "exists already", "a name that is free: bags are never overwritten")
         if self._staging.exists():
@@ -175,11 +174,9 @@ class BagWriter:
             self._staging.parent.rmdir()
 
     def __enter__(self) -> Self:
-        """Return the writer."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the bag, or give it up after an error."""
         if kind is None:
             self.close()
         else:

@@ -189,7 +189,6 @@ def _one_holds_the_other(key: str, other: str) -> bool:
 
 
 def _resolved(key: str, value: Any, folder: Path) -> Any:
-    """Return the value of a key as an absolute file name, if it names a file."""
     names_file = key in file_keys() and isinstance(value, str) and value
     return str(named_file(value, folder, key)) if names_file else value
 

@@ -121,7 +121,6 @@ def save_copy(file: Path, copy: Path) -> SavedFile:
 
 
 def _plain(file: Path, folder: Path) -> Path:
-    """Return an uncompressed file."""
     if file.suffix != _PACKED:
         return file
     import zstandard

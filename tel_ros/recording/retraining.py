@@ -170,10 +170,8 @@ def require_same_arm(bags: Sequence[tuple[Path, Mapping[str, str]]], arm: ArmCon
     Compared are its name, its joints in their order, its command interface, its springs (those of the
     configuration: what a single trial varies is accounted for) and the text of its URDF.
     """
-    if arm is not None:
-        reference, origin = _facts(arm, Path(arm.urdf).read_bytes()), "the configuration"
-    else:
-        reference, origin = {}, str(bags[0][0]) if bags else ""
+    origin = "the configuration" if arm else str(bags[0][0]) if bags else ""
+    reference = _facts(arm, Path(arm.urdf).read_bytes()) if arm else {}
     for bag, metadata in bags:
         facts = _facts(stored_config(bag, metadata).arm, stored_urdf(bag, metadata))
         for key, value in facts.items():

@@ -142,7 +142,7 @@ def _trial(bag: Path, metadata: dict[str, str], states: list[Any], result: Any, 
             raise BagError(bag, f"holds {counted(lengths.pop(), 'value')} in {name}", expected)
         return np.array(values).reshape(len(states), len(joints))
 
-    derivatives = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+    derivatives = ("desired_position_rad", "desired_velocity_rad_s", "desired_acceleration_rad_s2")
     phase = np.array([state.phase for state in states], dtype=np.int64)
     same = ("equilibrium_rad", "position_rad", "velocity_rad_s", "effort_nm")
     return RecordedTrial(
@@ -152,7 +152,7 @@ def _trial(bag: Path, metadata: dict[str, str], states: list[Any], result: Any, 
         joints=joints,
         time_ns=np.array([time_ns(state.header.stamp) for state in states], dtype=np.int64),
         phase=phase,
-        desired=np.hstack([column(f"desired_{name}") for name in derivatives]),
+        desired=np.hstack([column(name) for name in derivatives]),
         **{name: column(name) for name in same},
         saturated=column("saturated").astype(bool),
         command_std_rad=_command_std(bag, goal, int(np.count_nonzero(phase == Phase.RUN))),
@@ -161,7 +161,6 @@ def _trial(bag: Path, metadata: dict[str, str], states: list[Any], result: Any, 
 
 
 def _unfinished(goal: Any, why: str) -> TrialReport:
-    """Return what is known of a trial whose recording ended before it did."""
     unknown = np.full(len(goal.joint_names), math.nan)
     return TrialReport(
         index=int(goal.trial),
@@ -200,16 +199,15 @@ def _springs(
 
 def _command_std(bag: Path, goal: Any, n_run: int) -> FloatArray:
     """Return the standard deviation that came with the goal, one row a tick of RUN."""
-    n_joints = len(goal.joint_names)
+    n_joints, n = len(goal.joint_names), len(goal.time_ns)
     # Bags from before goals had it have no such field.
     flat = np.asarray(getattr(goal, "std_rad", ()), dtype=np.float64)
     if flat.size == 0:
         return np.full((n_run, n_joints), np.inf)
-    if flat.size != len(goal.time_ns) * n_joints:
-        expected = f"nothing, or one value for each of the {len(goal.time_ns)} points and {n_joints} joints"
+    if flat.size != n * n_joints:
+        expected = f"nothing, or one value for each of the {n} points and {n_joints} joints"
         raise BagError(bag, f"its goal holds {counted(flat.size, 'value')} in std_rad", expected)
-    rows = np.minimum(np.arange(n_run), len(goal.time_ns) - 1)
-    std: FloatArray = flat.reshape(-1, n_joints)[rows]
+    std: FloatArray = flat.reshape(n, n_joints)[np.minimum(np.arange(n_run), n - 1)]
     return std
 
 

@@ -68,5 +68,4 @@ def write_layouts(export: Export) -> tuple[Path, Path]:
 
 
 def _name_in(export: Export, topic: str) -> str:
-    """Return the full name of a topic in the exported file."""
     return next((name for name in export.counts if topics.is_named(name, topic)), topics.absolute(topic))

@@ -72,18 +72,11 @@ def run_table(bags: Sequence[InspectedBag]) -> Table:
     headings = ("bag", "state", "messages", "size", "recorded", "trial", "outcome", "RMS error rad")
     rows = []
     for bag in bags:
-        trial = bag.trial
-        row = (
-            bag.path.name,
-            bag.wholeness.name.lower(),
-            str(bag.n_messages),
-            size(bag.size_bytes),
-            f"{bag.duration_s:.3f} s",
-            f"{trial.index}" if trial else "–",
-            trial.outcome.text if trial else "–",
-            significant(trial.rms_error_rad) if trial else "–",
-        )
-        rows.append(row)
+        told, trial = ("–", "–", "–"), bag.trial
+        if trial:
+            told = f"{trial.index}", trial.outcome.text, significant(trial.rms_error_rad)
+        state, recorded = bag.wholeness.name.lower(), f"{bag.duration_s:.3f} s"
+        rows.append((bag.path.name, state, str(bag.n_messages), size(bag.size_bytes), recorded, *told))
     return table(headings, rows, left=("bag", "state", "outcome"))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from tel_ros.app.config_argument import config_argument, namespace_option
+from tel_ros.app.config_argument import config_argument, namespace_option, overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, Interruption, end
 from tel_ros.app.tables import show, table
 from tel_ros.core.check.checks import worst
@@ -19,17 +19,12 @@ from tel_ros.core.check.evidence import Finding, Verdict
 from tel_ros.core.check.pulses import MOST_EFFORT_SHARE, MOST_RANGE_RAD, PulseBounds
 from tel_ros.recording.config_file import load_config
 
-_COLOURS = {
-    Verdict.OK: "green",
-    Verdict.WARNING: "yellow",
-    Verdict.NOT_CHECKED: "dim",
-    Verdict.WRONG: "bold red",
-}
+_COLOURS = {"OK": "green", "WARNING": "yellow", "NOT_CHECKED": "dim", "WRONG": "bold red"}
 
 
 @click.command()
 @config_argument
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Another value for a key.")
+@overrides_option("Another value for a key.")
 @namespace_option
 @click.option("--passive", is_flag=True, help="Only listen: nothing is ever commanded.")
 @click.option("--yes", is_flag=True, help="Agree to the pulses beforehand, for scripts.")
@@ -108,7 +103,7 @@ def check(
 def _show(findings: list[Finding]) -> None:
     headings = ("check", "joint", "", "measured", "expected")
     rows = [
-        (f.check, f.joint, Text(f.verdict.value, _COLOURS[f.verdict]), f.measured, f.expected)
+        (f.check, f.joint, Text(f.verdict.value, _COLOURS[f.verdict.name]), f.measured, f.expected)
         for f in findings
     ]
     mends = [

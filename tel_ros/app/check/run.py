@@ -148,7 +148,6 @@ def _pulse(client: ArmClient, config: Config, bounds: PulseBounds, listened: Evi
 
 
 def _model(arm: ArmConfig, position_rad: FloatArray) -> UrdfModel:
-    """Return what the URDF says of the arm at a posture."""
     found = described(arm)
     friction = np.array(found.viscous_friction_nms_per_rad)
     try:

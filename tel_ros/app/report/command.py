@@ -13,7 +13,6 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 
 
 def _formats(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
-    """Return the formats in a list with commas, each once."""
     formats = tuple(dict.fromkeys(part.strip().lower() for part in value.split(",")))
     if unknown := [each for each in formats if each not in FIGURE_FORMATS]:
         expected = f"expected formats of {', '.join(FIGURE_FORMATS)}"

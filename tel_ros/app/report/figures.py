@@ -204,7 +204,6 @@ def draw_error(axes: Axes, trial: DrawnTrial, joint: int, mark: dict[str, Any], 
 
 
 def _draw_band(axes: Axes, trial: DrawnTrial, colour: str, joint: int) -> None:
-    """Draw two standard deviations of the command, where they are finite."""
     half_rad = 2.0 * trial.recorded.command_std_rad[:, joint]
     # An area is written with all of its points, unlike a line, which is simplified.
     rows = evenly_spaced(len(half_rad), 400)

@@ -119,7 +119,6 @@ def last_trials_figure(data: Runs) -> Figure:
 
 
 def _legend(data: Runs, trials: Sequence[TrialRow]) -> list[list[Line2D]]:
-    """Return rows of entries."""
     entries = [plot.key(name, **look) for look, name in zip(data.looks, data.names, strict=True)]
     entries += plot.broken_off(trials)
     return [entries[first : first + _LEGEND_COLUMNS] for first in range(0, len(entries), _LEGEND_COLUMNS)]

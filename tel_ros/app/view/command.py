@@ -32,7 +32,6 @@ view_option = click.option(
 
 
 def _require_view() -> None:
-    """Raise :class:`ViewError` if the extra ``view`` is not installed."""
     missing = [name for name in ("viser", "yourdfpy") if find_spec(name) is None]
     if missing:
         raise ViewError(f"the live view needs {', '.join(missing)}: pip install 'tel_ros[view]'")

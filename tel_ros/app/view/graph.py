@@ -138,7 +138,6 @@ class GraphView:
 
 
 def _said(response: Any) -> tuple[bool, str]:
-    """Return whether an answer is good, and what it says."""
     if isinstance(response, CancelGoal.Response):
         cancelled = len(response.goals_canceling)
         return cancelled > 0, "the run is ending" if cancelled else "no run is under way"

@@ -230,7 +230,6 @@ def _listener(port: int) -> socket.socket:
 
 
 def _fetch(file: Path, request: Request) -> Response:
-    """Return viser's answer to a request for a file."""
     connection = http.client.HTTPConnection("localhost", timeout=_TIMEOUT_S)
     connection.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     with contextlib.closing(connection):

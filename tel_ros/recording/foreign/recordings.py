@@ -160,7 +160,6 @@ def read_bag(bag: Path, wanted: Wanted | None = None) -> list[JointRecording]:
 
 
 def _with_effort(kind: str, messages: Sequence[tuple[int, Any]], renaming: Renaming) -> list[str]:
-    """Return the joints whose efforts some messages tell."""
     if kind == JOINT_STATE:
         names = {tuple(message.name) for _, message in messages if len(message.effort)}
     else:
