@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -12,7 +13,19 @@ from rich.table import Table
 from rich.text import Text
 
 NOTHING = "–"
-TRAINING_ERROR = "training error\nbefore → after\nrad"
+_OF_TRIAL: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "bag": lambda row: Path(row["bag"]).name,
+    "trial": lambda row: str(row["index"]),
+    "α": lambda row: fixed(row["alpha"], 3),
+    "duration\ns": lambda row: fixed(row["duration_s"], 3),
+    "RMS error\nrad": lambda row: fixed(row["rms_error_rad"], 4),
+    "max error\nrad": lambda row: fixed(row["max_error_rad"], 4),
+    "training error\nbefore → after\nrad": lambda row: " → ".join(
+        fixed(row[f"training_rms_{when}_rad"], 4) for when in ("before", "after")
+    ),
+    "outcome": lambda row: row["outcome"] + (f": {row['message']}" if row.get("message") else ""),
+}
+"""Heading to what a row of a summary has below it."""
 
 
 def table(headings: Iterable[str], rows: Iterable[Sequence[str | Text]], left: Collection[str] = ()) -> Table:
@@ -34,29 +47,12 @@ def show(*shown: Table | str) -> None:
         console.print(each, highlight=False, markup=False, soft_wrap=isinstance(each, str))
 
 
-def trial_table(trials: Iterable[Mapping[str, Any]]) -> Table:
-    """Return the trials of a summary as a table."""
-    headings = ("trial", "α", "duration\ns", "RMS error\nrad", "max error\nrad", TRAINING_ERROR, "outcome")
-    rows = [
-        (
-            str(trial["index"]),
-            fixed(trial["alpha"], 3),
-            fixed(trial["duration_s"], 3),
-            fixed(trial["rms_error_rad"], 4),
-            fixed(trial["max_error_rad"], 4),
-            training_error(trial),
-            trial["outcome"] + (f": {trial['message']}" if trial["message"] else ""),
-        )
-        for trial in trials
-    ]
-    return table(headings, rows, left=("outcome",))
+def trial_table(trials: Sequence[Mapping[str, Any]], without: Collection[str] = ("bag",)) -> Table:
+    """Return rows of a summary as a table."""
+    shown = {heading: cell for heading, cell in _OF_TRIAL.items() if heading not in without}
+    return table(shown, [[cell(trial) for cell in shown.values()] for trial in trials], ("bag", "outcome"))
 
 
 def fixed(value: float | None, decimals: int) -> str:
     """Return a number for a column; a dash for None and what is not finite."""
     return NOTHING if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
-
-
-def training_error(trial: Mapping[str, Any]) -> str:
-    """Return the training error of a row of a summary before and after training."""
-    return f"{fixed(trial['training_rms_before_rad'], 4)} → {fixed(trial['training_rms_after_rad'], 4)}"

@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from tel_ros.app.config_argument import F, overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
-from tel_ros.app.tables import TRAINING_ERROR, fixed, show, table, training_error
+from tel_ros.app.tables import show, table, trial_table
 from tel_ros.core.errors import counted
 
 if TYPE_CHECKING:
@@ -115,21 +115,9 @@ def train(
     if as_json:
         click.echo(json.dumps(retraining.as_dict(), indent=2))
         return
-    headings = ("bag", "trial", "duration\ns", "RMS error\nrad", TRAINING_ERROR, "outcome")
-    rows = [
-        (
-            Path(row["bag"]).name,
-            str(row["index"]),
-            fixed(row["duration_s"], 3),
-            fixed(row["rms_error_rad"], 4),
-            training_error(row),
-            row["outcome"],
-        )
-        for row in retraining.lessons
-    ]
     lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in retraining.lessons]
     lines += [f"network  {retraining.network}", f"revision {retraining.revision}: {_comparison(retraining)}"]
-    show(table(headings, rows, left=("bag", "outcome")), *filter(None, lines))
+    show(trial_table(retraining.lessons, without=("α", "max error\nrad")), *filter(None, lines))
 
 
 def _comparison(retraining: Retraining) -> str:
