@@ -44,7 +44,7 @@ def predict(
     from tel_ros.app.torque_import import extrapolation_warning
     from tel_ros.core.learning.torque_fit import predict_torque
     from tel_ros.recording.foreign.csv_files import read_movement
-    from tel_ros.recording.foreign.renaming import Renaming
+    from tel_ros.recording.foreign.renaming import renaming
     from tel_ros.recording.network_file import load_network
     from tel_ros.recording.run_folder import json_ready
 
@@ -54,7 +54,7 @@ def predict(
         raise InputFileError(out, "exists already", "a name that is free")
     learner = load_network(network)
     joints = learner.context.joints
-    time_s, inputs = read_movement(trajectory, joints, duration_s, rate_hz, Renaming.parsed(rename))
+    time_s, inputs = read_movement(trajectory, joints, duration_s, rate_hz, renaming(rename))
     prediction = predict_torque(learner, inputs)
     columns = {"tau": prediction.torque_nm, "std": prediction.std_nm}
     if learner.context.predicts == "equilibrium":

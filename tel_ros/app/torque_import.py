@@ -20,7 +20,7 @@ from tel_ros.core.learning.torque_samples import TorqueSamples, excitation, torq
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.foreign.plausible import joint_ranges
 from tel_ros.recording.foreign.recordings import Wanted, read_sources
-from tel_ros.recording.foreign.renaming import Renaming
+from tel_ros.recording.foreign.renaming import renaming
 from tel_ros.recording.network_file import revision, save_network
 from tel_ros.recording.run_folder import json_ready
 from tel_ros.recording.shared_files import named_file
@@ -69,7 +69,7 @@ def import_and_train(
     kind = learner_kind(learner)
     file = named_file(urdf, Path.cwd()) if urdf else None
     ranges = joint_ranges(read_urdf(file)) if file else {}
-    wanted = Wanted(topic=topic, joints=joints, urdf=ranges, renaming=Renaming.parsed(rename))
+    wanted = Wanted(topic=topic, joints=joints, urdf=ranges, renaming=renaming(rename))
     recordings, others, doubts = read_sources(sources, wanted)
     joints = recordings[0].joints
     urdf_text, assumed = arm_description(file, joints, others) if file else ("", [])

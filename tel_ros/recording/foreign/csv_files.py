@@ -89,7 +89,7 @@ class Table:
         return values
 
 
-def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RECORDING) -> Table:
+def read_table(file: Path, renaming: Renaming = str, expected: str = _RECORDING) -> Table:
     """Read a CSV with a header line; InputFileError if it is missing or malformed."""
     try:
         content = file.read_bytes()
@@ -129,11 +129,10 @@ def read_table(file: Path, renaming: Renaming | None = None, expected: str = _RE
             found = f"line {number} has {counted(len(row), 'value')}"
             more = ", with decimal points" if len(row) > len(header) else ""
             raise InputFileError(file, found, f"{len(header)}, as in its header{more}")
-    renamed = renaming or Renaming()
-    return Table(file, tuple(_renamed(name, renamed) for name in header), rows, numbers)
+    return Table(file, tuple(_renamed(name, renaming) for name in header), rows, numbers)
 
 
-def _renamed(column: str, renaming: Callable[[str], str]) -> str:
+def _renamed(column: str, renaming: Renaming) -> str:
     for prefix in (ACCELERATION, VELOCITY, POSITION, TORQUE):
         if column.startswith(prefix):
             return prefix + renaming(column.removeprefix(prefix))
@@ -148,9 +147,7 @@ def _can(convert: Callable[[Any], object], value: str | bytes) -> bool:
         return False
 
 
-def read_csv_recording(
-    file: Path, joints: Sequence[str] = (), renaming: Renaming | None = None
-) -> JointRecording:
+def read_csv_recording(file: Path, joints: Sequence[str] = (), renaming: Renaming = str) -> JointRecording:
     """Read a recording of the joints to learn (empty: all with an effort), and of others.
 
     InputFileError: the file cannot be used or lacks a column of one of the joints to learn.
@@ -184,7 +181,7 @@ def read_movement(
     joints: tuple[str, ...],
     duration_s: float | None,
     rate_hz: float,
-    renaming: Renaming | None = None,
+    renaming: Renaming = str,
 ) -> tuple[FloatArray, FloatArray]:
     """Read a movement: a CSV that tells times, or waypoints with a duration and a rate.
 

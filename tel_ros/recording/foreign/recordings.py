@@ -43,7 +43,7 @@ class Wanted:
     topic: str = ""
     joints: tuple[str, ...] = ()
     urdf: Mapping[str, JointRange] = field(default_factory=dict)
-    renaming: Renaming = Renaming()
+    renaming: Renaming = str
 
     def among(self, told: Sequence[str]) -> list[str]:
         """Return the joints of those with efforts that are to be learned, as far as it is known."""

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 
 from tel_ros.core.errors import ConfigError
 
+Renaming = Callable[[str], str]
+"""From a joint's name in a recording to that in the arm's description; ``str`` leaves names as they are."""
 
-@dataclass(frozen=True)
-class Renaming:
-    """Rules FROM, TO: the first one whose FROM a name begins with replaces it; FROM may be the whole name."""
 
-    rules: tuple[tuple[str, str], ...] = ()
+def renaming(texts: Sequence[str]) -> Renaming:
+    """Return what texts ``FROM=TO`` do: the first FROM that a name begins with, or is, becomes TO."""
+    for text in texts:
+        if text.count("=") != 1 or text == "=":
+            raise ConfigError("--rename", text, "FROM=TO, e.g. fer_=panda_")
+    rules = [[part.strip() for part in text.split("=")] for text in texts]
 
-    @classmethod
-    def parsed(cls, texts: Sequence[str]) -> Renaming:
-        """Return the rules of texts ``FROM=TO``; ConfigError if one has another form."""
-        for text in texts:
-            if text.count("=") != 1 or text == "=":
-                raise ConfigError("--rename", text, "FROM=TO, e.g. fer_=panda_")
-        return cls(tuple((text.split("=")[0].strip(), text.split("=")[1].strip()) for text in texts))
+    def renamed(name: str) -> str:
+        matching = (new + name[len(old) :] for old, new in rules if name.startswith(old))
+        return next(matching, name)
 
-    def __call__(self, name: str) -> str:
-        """Return the name of a joint in the arm's description."""
-        for old, new in self.rules:
-            if name.startswith(old):
-                return new + name[len(old) :]
-        return name
+    return renamed
 
 
 def advice(recorded: Iterable[str], expected: Iterable[str]) -> str:

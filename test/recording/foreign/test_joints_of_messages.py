@@ -13,7 +13,7 @@ from small_bags import STATES, joint_state, write_bag
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.recording.foreign.plausible import JointRange
 from tel_ros.recording.foreign.recordings import Wanted, read_bag, read_sources
-from tel_ros.recording.foreign.renaming import Renaming, advice
+from tel_ros.recording.foreign.renaming import advice, renaming
 
 RECORDING = made_up(4.0, 100.0).recording
 SHOULDER, ELBOW = RECORDING.joints
@@ -191,12 +191,12 @@ def test_joints_of_another_name_are_renamed_and_the_error_says_how(tmp_path: Pat
     urdf = dict(zip(["panda_joint1", "panda_joint2", "panda_finger"], [URDF[SHOULDER]] * 3, strict=True))
     with pytest.raises(InputFileError, match=r"\(--rename fer_=panda_\?\)"):
         read_sources([found], Wanted(urdf=urdf))
-    (recording,), _, _ = read_sources([found], Wanted(urdf=urdf, renaming=Renaming.parsed(["fer_=panda_"])))
+    (recording,), _, _ = read_sources([found], Wanted(urdf=urdf, renaming=renaming(["fer_=panda_"])))
     assert recording.joints == ("panda_joint1", "panda_joint2")
 
 
 def test_a_rule_is_a_prefix_or_a_name_and_its_advice_fits() -> None:
-    rename = Renaming.parsed(["fer_joint7=wrist", "fer_=panda_"])
+    rename = renaming(["fer_joint7=wrist", "fer_=panda_"])
     assert [rename(name) for name in ("fer_joint7", "fer_joint1", "elbow")] == [
         "wrist",
         "panda_joint1",
@@ -207,4 +207,4 @@ def test_a_rule_is_a_prefix_or_a_name_and_its_advice_fits() -> None:
     assert advice(["alpha"], ["elbow"]) == ""
     for text in ("fer_", "a=b=c", "="):
         with pytest.raises(ConfigError, match="--rename is .*; expected FROM=TO"):
-            Renaming.parsed([text])
+            renaming([text])
