@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -14,9 +14,6 @@ from tel_ros.app.config_argument import F, overrides_option
 from tel_ros.app.errors import EXIT_INTERRUPTED, end
 from tel_ros.app.tables import show, table, trial_table
 from tel_ros.core.errors import counted
-
-if TYPE_CHECKING:
-    from tel_ros.recording.retraining import Retraining
 
 
 def _import_option(name: str, about: str, **settings: Any) -> Callable[[F], F]:
@@ -109,23 +106,20 @@ def train(
         click.echo(f"learned  {bag}", err=True)
 
     try:
-        retraining = train_on(bags, out, overrides, force=force, on_lesson=learned)
+        made = train_on(bags, out, overrides, force=force, on_lesson=learned)
     except KeyboardInterrupt:
         end("interrupted: no network was written", EXIT_INTERRUPTED)
     if as_json:
-        click.echo(json.dumps(retraining.as_dict(), indent=2))
+        click.echo(json.dumps(made, indent=2))
         return
-    lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in retraining.lessons]
-    lines += [f"network  {retraining.network}", f"revision {retraining.revision}: {_comparison(retraining)}"]
-    show(trial_table(retraining.lessons, without=("α", "max error\nrad")), *filter(None, lines))
-
-
-def _comparison(retraining: Retraining) -> str:
-    if retraining.as_recorded:
-        return "each trial had been commanded by the network that there was here before it"
-    if retraining.differs_at:
-        return f"not that of the run, {retraining.differs_at} had been commanded by another one"
-    return "some bags do not tell which network commanded them"
+    comparison = "some bags do not tell which network commanded them"
+    if made["as_recorded"]:
+        comparison = "each trial had been commanded by the network that there was here before it"
+    elif made["differs_at"]:
+        comparison = f"not that of the run, {made['differs_at']} had been commanded by another one"
+    lines = [row["note"] and f"note     trial {row['index']}: {row['note']}" for row in made["bags"]]
+    lines += [f"network  {made['network']}", f"revision {made['revision']}: {comparison}"]
+    show(trial_table(made["bags"], without=("α", "max error\nrad")), *filter(None, lines))
 
 
 def _run_import(bags: tuple[Path, ...], out: Path, as_json: bool, *, joints: str, **settings: Any) -> None:

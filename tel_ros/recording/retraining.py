@@ -6,7 +6,7 @@ import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,37 +30,6 @@ from tel_ros.recording.trial_bag import GO_BACK_TO, REVISION, read_metadata, rea
 _CHANGEABLE = ("learning", "seed")
 
 
-@dataclass(frozen=True)
-class Retraining:
-    """What came out of learning from bags."""
-
-    network: Path
-    revision: str
-    lessons: tuple[dict[str, Any], ...]
-    """One row a bag, with the keys of a row of ``summary.json``, as far as both have them."""
-
-    @property
-    def differs_at(self) -> str:
-        """The first bag that another network had commanded than there was here; empty: none."""
-        differ = (row["bag"] for row in self.lessons if row["network_before"] != row["commanded_by"] != "")
-        return next(differ, "")
-
-    @property
-    def as_recorded(self) -> bool:
-        """Whether each trial is known to be commanded by the network that there was here before it."""
-        return all(row["network_before"] == row["commanded_by"] for row in self.lessons)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``tel train --json`` prints."""
-        return {
-            "network": str(self.network),
-            "revision": self.revision,
-            "as_recorded": self.as_recorded,
-            "differs_at": self.differs_at,
-            "bags": list(self.lessons),
-        }
-
-
 def train(
     paths: Sequence[Path],
     out: Path,
@@ -68,12 +37,17 @@ def train(
     *,
     force: bool = False,
     on_lesson: Callable[[Path], None] = lambda bag: None,
-) -> Retraining:
-    """Learn from bags or runs, in their order, and write the network.
+) -> dict[str, Any]:
+    """Learn from bags or runs, in their order, write the network, and return what came out, ready for JSON.
 
     Configuration, URDF, waypoints and the network that the run began with are taken from the first bag.
     ``overrides``: other settings of the learner. ``force``: whether an existing file may be replaced.
     TrainingError: a trial cannot be learned from.
+
+    Returns:
+        ``bags``: one row a bag, with the keys of a row of ``summary.json``. ``as_recorded``: whether each
+        trial is known to be commanded by the network that there was here before it. ``differs_at``: the first
+        bag that another one had commanded; empty: none.
     """
     if out.exists() and not force:
         raise InputFileError(out, "exists already", "a file that is new (option --out), or --force")
@@ -87,7 +61,14 @@ def train(
             rows.append(row)
             on_lesson(Path(row["bag"]))
     save_network(learner, out)
-    return Retraining(out, revision(learner), tuple(rows))
+    differ = [row for row in rows if row["network_before"] != row["commanded_by"]]
+    return {
+        "network": str(out),
+        "revision": revision(learner),
+        "as_recorded": not differ,
+        "differs_at": next((row["bag"] for row in differ if row["commanded_by"]), ""),
+        "bags": rows,
+    }
 
 
 def bags_of(paths: Sequence[Path]) -> list[Path]:

@@ -89,10 +89,10 @@ def with_arm(**values: object) -> Callable[[dict[str, str]], None]:
 
 def test_a_runs_folder_gives_the_network_that_the_run_left(run: Path, tmp_path: Path) -> None:
     found = train([run], tmp_path / "network.npz")
-    assert found.as_recorded
+    assert found["as_recorded"]
     assert (tmp_path / "network.npz").read_bytes() == (run / NETWORK_FILE).read_bytes()
     summary = json.loads((run / "summary.json").read_text())
-    for row, lesson in zip(summary["trials"], found.lessons, strict=True):
+    for row, lesson in zip(summary["trials"], found["bags"], strict=True):
         for key in ("index", "outcome", "training_rms_before_rad", "training_rms_after_rad", "grown"):
             assert lesson[key] == row[key], key
         assert lesson["rms_error_rad"] == pytest.approx(row["rms_error_rad"], rel=1e-9, nan_ok=True)
@@ -124,7 +124,7 @@ def test_waypoints_and_an_earlier_network_are_in_the_bags_as_well(lms_run: Path,
     shutil.rmtree(tmp_path / "run")
     waypoints.unlink()
     found = train([alone], tmp_path / "network.npz")
-    assert found.as_recorded
+    assert found["as_recorded"]
     assert (tmp_path / "network.npz").read_bytes() == expected
     assert load_network(tmp_path / "network.npz").trials_learned == 2
 
@@ -134,15 +134,15 @@ def test_some_of_the_trials_give_another_network_and_it_is_said_from_where_on(
 ) -> None:
     second = trial_bags(run)[1]
     found = train([second], tmp_path / "network.npz")
-    assert not found.as_recorded
-    assert found.differs_at == str(second)
+    assert not found["as_recorded"]
+    assert found["differs_at"] == str(second)
 
 
 def test_other_settings_of_the_learner_give_another_network(lms_run: Path, tmp_path: Path) -> None:
     found = train([lms_run], tmp_path / "network.npz", ["learning.weights=least_squares", "seed=3"])
     network = load_network(tmp_path / "network.npz")
     assert (network.context.learning.weights, network.context.seed) == ("least_squares", 3)
-    assert not found.as_recorded
+    assert not found["as_recorded"]
 
 
 def test_settings_of_what_was_recorded_are_refused(lms_run: Path, tmp_path: Path) -> None:
