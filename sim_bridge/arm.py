@@ -69,12 +69,9 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
     Drives that take set points hold the initial posture at first.
 
     The weaker of the arm's effort limit and the URDF's applies. Friction in ``sim`` replaces the URDF's;
-    ``inertia_scale`` applies to the links, not to the payload. ``rate_hz``: of control; ``seed``: of the
-    sensor noise.
-
-    Raises:
-        InputFileError: the URDF cannot be read or simulated.
-        ConfigError: a value does not fit the URDF, or does not fit the other values.
+    ``inertia_scale`` applies to the links, not to the payload. ``rate_hz``: of control. ``seed``: of the
+    sensor noise. Raises InputFileError: the URDF cannot be read or simulated; ConfigError: a value does not
+    fit the URDF, or does not fit the other values.
     """
 
     def __init__(self, arm: ArmConfig, sim: SimConfig, *, rate_hz: float, seed: int) -> None:
@@ -141,9 +138,8 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
     def step(self, command: Sequence[float]) -> None:
         """Take the torque of each motor in N·m, or a drive's set point in rad, and let one period pass.
 
-        Raises:
-            CommandError: wrong length or not finite. Nothing is applied and no time passes.
-            SimulationError: the simulation was closed, or is no longer finite.
+        Raises CommandError: wrong length or not finite. Nothing is applied and no time passes;
+        SimulationError: the simulation was closed, or is no longer finite.
         """
         values = tuple(map(float, command))
         if len(values) != len(self._zero) or not all(map(math.isfinite, values)):

@@ -70,11 +70,8 @@ class ArmPhysics:
     Viscous friction is -b q̇ at the start of each step. Dry friction is a motor without speed and with
     limited torque: the solver finds the torque within ±c that stops the joint, so that a joint sticks for
     real and slides with exactly c against it, without chatter. The ends of a joint's range are hard stops.
-    Gravity acts along -z of the base. Links do not collide.
-
-    Raises:
-        InputFileError: the URDF describes something that cannot be simulated.
-        ConfigError: a window is wanted where there is no display.
+    Gravity acts along -z of the base. Links do not collide. Raises InputFileError: the URDF describes
+    something that cannot be simulated; ConfigError: a window is wanted where there is no display.
     """
 
     def __init__(
@@ -125,8 +122,7 @@ class ArmPhysics:
     def advance(self, effort_nm: JointValues, n_steps: int) -> None:
         """Let ``n_steps`` physics steps pass under constant torques.
 
-        Raises:
-            SimulationError: the simulation was closed.
+        Raises SimulationError: the simulation was closed.
         """
         body, joints, client = self._body, self._joints, self._client
         set_torques, mode = pybullet.setJointMotorControlArray, pybullet.TORQUE_CONTROL
@@ -145,10 +141,7 @@ class ArmPhysics:
         """Let ``n_steps`` physics steps pass, each under the torques with which a drive answers the state.
 
         ``drive`` goes from positions in rad and velocities in rad/s to torques in N·m. Returns the torques of
-        the last step.
-
-        Raises:
-            SimulationError: the simulation was closed.
+        the last step. Raises SimulationError: the simulation was closed.
         """
         for _ in range(n_steps):
             effort_nm = drive(*self.state())
@@ -161,11 +154,7 @@ class ArmPhysics:
         return tuple([state[0] for state in states]), tuple([state[1] for state in states])
 
     def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
-        """Put the joints there, moving so.
-
-        Raises:
-            SimulationError: the simulation was closed.
-        """
+        """Put the joints there, moving so; SimulationError: the simulation was closed."""
         try:
             for joint, position, velocity in zip(self._joints, position_rad, velocity_rad_s, strict=True):
                 pybullet.resetJointState(self._body, joint, position, velocity, physicsClientId=self._client)

@@ -20,10 +20,7 @@ def replay_arm(
     Equal commands give bit-identical readings: the arm gets the recorded commands, one a period, and has to
     read what is recorded. So its joints, sensors, noise and the commands on their way are as they were, and
     the time to add [ns] is 0. Where it reads something else (periods have passed without commands, or in real
-    time), it rests where it was last.
-
-    Raises:
-        ConfigError: the place where it was last is beyond a hard stop.
+    time), it rests where it was last. Raises ConfigError: the place where it was last is beyond a hard stop.
     """
     arm, exact = new_arm(), True
     position_rad: tuple[float, ...] = ()

@@ -21,12 +21,8 @@ class Pacer:
 
     Deadlines are absolute, so that being late once does not make all that follows late. After a stall all
     periods that have gone by pass at once: a real arm does not wait for a computer either. What goes beyond
-    ``longest_s`` is skipped: an arm without commands has long been coasting by then.
-
-    Args:
-        period_s: of control.
-        now_s: by a monotonic clock; the first period ends one period later.
-        longest_s: of a stall that is simulated.
+    ``longest_s`` is skipped: an arm without commands has long been coasting by then. ``now_s``: by a
+    monotonic clock; the first period ends one period later. ``longest_s``: of a stall that is simulated.
     """
 
     def __init__(self, period_s: float, now_s: float, longest_s: float) -> None:

@@ -59,11 +59,7 @@ class Controller(NamedTuple):
 
 
 def domain_id() -> int:
-    """Return the ROS domain of this process's environment.
-
-    Raises:
-        ConfigError: ROS_DOMAIN_ID is none.
-    """
+    """Return the ROS domain of this process's environment; ConfigError: ROS_DOMAIN_ID is none."""
     value = os.environ.get("ROS_DOMAIN_ID", "")
     number = re.fullmatch(r"\s*(0x[0-9a-f]+|\d+)", value or "0", re.IGNORECASE)
     domain = int(number[1], 16 if "x" in number[1].lower() else 10) if number else -1
@@ -107,9 +103,7 @@ def ask(asked: Iterable[Controller], request: str) -> dict[Controller, Answer | 
 class Listener:
     """The controller's side: answers requests when its owner looks for them.
 
-    Args:
-        me: who listens.
-        answers: what to do for each request; called from :meth:`serve`.
+    ``answers``: what to do for each request; called from :meth:`serve`.
     """
 
     def __init__(self, me: Controller, answers: Mapping[str, Callable[[], Answer]]) -> None:

@@ -133,8 +133,7 @@ class SafetyConfig(Checked):
     def require_fits(self, arm: ArmConfig) -> None:
         """Refuse values that do not fit an arm whose empty limits have been filled from its URDF.
 
-        Raises:
-            ConfigError: another number of values than joints, or soft limits that leave no range.
+        Raises ConfigError: another number of values than joints, or soft limits that leave no range.
         """
         self.require_one_per_joint(arm.joints, "safety.")
         if not (self.soft_margin_rad and arm.position_min_rad and arm.position_max_rad):

@@ -44,11 +44,9 @@ class ArmDescription:
     """What a URDF says of an arm whose ``joints`` move; tuples have one value for each, in that order.
 
     A movable joint that carries one of them must be among them, or be held where ``held`` says. Others are
-    held there as well, or as near to 0 as their range permits; joints that mimic one follow it.
-
-    Raises:
-        InputFileError: the file says nonsense of what is used.
-        ConfigError: a joint is not there or cannot move, or is carried by one that is not held.
+    held there as well, or as near to 0 as their range permits; joints that mimic one follow it. Raises
+    InputFileError: the file says nonsense of what is used; ConfigError: a joint is not there or cannot move,
+    or is carried by one that is not held.
     """
 
     def __init__(self, urdf: Urdf, joints: Sequence[str], held: Mapping[str, float] | None = None) -> None:
@@ -109,9 +107,8 @@ class ArmDescription:
     def filled(self, arm: ArmConfig) -> ArmConfig:
         """Return the arm with its empty limits filled from the file.
 
-        Raises:
-            ConfigError: a limit is in neither, or goes beyond the file's: what the motor cannot do is clipped
-                behind the controller's back, and learned from as if it had acted.
+        Raises ConfigError: a limit is in neither, or goes beyond the file's: what the motor cannot do is
+        clipped behind the controller's back, and learned from as if it had acted.
         """
         for name, limit in zip(self.joints, self.limits, strict=True):
             missing = (

@@ -11,11 +11,7 @@ from tel_ros.core.types import FloatArray
 
 @dataclass(frozen=True)
 class ArmState:
-    """One measured state. Arrays of shape (n_joints,).
-
-    Raises:
-        StateError: a position or velocity is not finite.
-    """
+    """One measured state. Arrays of shape (n_joints,); StateError: a position or velocity is not finite."""
 
     time_ns: int
     position_rad: FloatArray

@@ -182,10 +182,8 @@ def read_record(
     """Check nested plain values, as read from YAML, against the types of a dataclass, and return them as one.
 
     Its fields are text, numbers, true or false, literals, anything, dataclasses (or None), or tuples and
-    dictionaries of those. ``section`` stands in front of the keys in messages.
-
-    Raises:
-        ConfigError: a key is unknown or missing, or a value is wrong.
+    dictionaries of those. ``section`` stands in front of the keys in messages. Raises ConfigError: a key is
+    unknown or missing, or a value is wrong.
     """
     fields, prefix = declared(record), f"{section}." if section else ""
     if not isinstance(raw, Mapping):

@@ -109,16 +109,11 @@ def plain_urdf(
     """Return a URDF with nothing in it but the bodies and joints of an arm, of which only its own move.
 
     What it does not carry is left out, unless it is to be seen. A link without ``<inertial>`` has no mass, as
-    the format means it (PyBullet would give it 1 kg).
-
-    Args:
-        arm: whose joints move.
-        inertia_scale: factor on the masses and inertias of the links, not on the payload.
-        payload_kg: point mass at the origin of the hand link.
-        hand_link: the link that carries it.
-        stops_rad: between which positions the joints move, instead of what the file says; a joint that turns
-            without end does not, if they are finite.
-        mesh: from the name of a mesh to its file, or None if it is missing; None: without shapes.
+    the format means it (PyBullet would give it 1 kg). ``inertia_scale``: factor
+    on the masses and inertias of the links, not on the payload. ``payload_kg``: point mass at the origin of
+    the hand link. ``hand_link``: the link that carries it. ``stops_rad``: between which positions the joints
+    move, instead of what the file says; a joint that turns without end does not, if they are finite.
+    ``mesh``: from the name of a mesh to its file, or None if it is missing; None: without shapes.
     """
     robot, urdf = Element("robot", name="arm"), arm.urdf
     robot.extend(urdf.materials if mesh else ())
@@ -163,12 +158,9 @@ def check_dynamics(
 ) -> FloatArray:
     """Return the inertia matrix at a posture [kg·m²]; refuse what cannot be simulated.
 
-    That is bodies that cannot exist, and joints that nothing resists.
-
-    Raises:
-        InputFileError: a link that moves has a negative mass or moment, or a moment above the sum of the two
-            others, which PyBullet would silently take as no inertia at all; or the inertia matrix of the arm
-            is not positive definite.
+    That is bodies that cannot exist, and joints that nothing resists. Raises InputFileError: a link that
+    moves has a negative mass or moment, or a moment above the sum of the two others, which PyBullet would
+    silently take as no inertia at all; or the inertia matrix of the arm is not positive definite.
     """
     n = len(arm.joints)
     posture, inertia = np.full((1, n), _BENT_RAD), np.zeros((n, n))

@@ -20,10 +20,8 @@ def plugin(
     """Return one of ours, whose names another package cannot take, or what an installed entry point names.
 
     ``key``: of the configuration, for messages. ``methods``: that the object has to have. ``made``: makes the
-    object from what is found under the name.
-
-    Raises:
-        ConfigError: the name is not known, or what the entry point names cannot be used.
+    object from what is found under the name. Raises ConfigError: the name is not known, or what the entry
+    point names cannot be used.
     """
     if name in ours:
         return made(ours[name])

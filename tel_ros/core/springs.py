@@ -19,10 +19,8 @@ class Springs:
     """K and B at all joints; the control law is τ = K (u - q) - B q̇ ([Practice] Sec. 3; Shadmehr 1990).
 
     What it wants is not yet what may reach the arm: :class:`~tel_ros.core.safety.layer.SafetyLayer`. K and B
-    have the shape (n_joints,), positions, velocities and efforts (n_joints,) or (n, n_joints).
-
-    Raises:
-        TrajectoryError: the shapes differ, or a value is not finite, K is not above 0, or B is below 0.
+    have the shape (n_joints,), positions, velocities and efforts (n_joints,) or (n, n_joints). Raises
+    TrajectoryError: the shapes differ, or a value is not finite, K is not above 0, or B is below 0.
     """
 
     stiffness_nm_per_rad: FloatArray
@@ -60,11 +58,8 @@ class Springs:
         """Refuse springs that are much stiffer or softer than the configured ones.
 
         Stiffer ones need a faster control loop; with softer ones, a given effort takes an equilibrium point
-        that is further away.
-
-        Raises:
-            TrajectoryError: another number of joints, or a K or B beyond ``factor`` times the configured one
-                or below its ``factor``-th part.
+        that is further away. Raises TrajectoryError: another number of joints, or a K or B beyond ``factor``
+        times the configured one or below its ``factor``-th part.
         """
         for name, found, reference, unit in (
             ("stiffness", self.stiffness_nm_per_rad, configured.stiffness_nm_per_rad, "N·m/rad"),

@@ -55,8 +55,7 @@ class Outcome(IntEnum):
 class TrialGoal:
     """What to do in one trial; number and practice parameter are for the records.
 
-    Raises:
-        TrajectoryError: the command does not fit the desired trajectory or is not finite.
+    Raises TrajectoryError: the command does not fit the desired trajectory or is not finite.
     """
 
     index: int
@@ -152,8 +151,7 @@ class TrialReport:
     def from_plain(cls, values: Mapping[str, Any]) -> Self:
         """Return the record of plain values; null becomes NaN, a missing key the default.
 
-        Raises:
-            KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
+        Raises KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
         """
         return _from_plain(cls, values)
 
@@ -163,9 +161,7 @@ def _plain(value: Any) -> Any:
         return value.text
     if isinstance(value, LoopTiming):
         return asdict(value)
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return list(value) if isinstance(value, tuple) else value
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _number(value: Any) -> float:
@@ -178,20 +174,14 @@ _READERS: Mapping[str, Callable[[Any], Any]] = {
     "str": lambda value: "" if value is None else str(value),
     "Outcome": lambda value: Outcome[value.upper()],
     "FloatArray": lambda values: np.array([_number(value) for value in values]),
-    "tuple[str, ...]": lambda values: tuple(str(value) for value in values),
     "LoopTiming | None": lambda values: None if values is None else _from_plain(LoopTiming, values),
 }
 """By the annotation of a field, as it is written."""
 
 
 def _from_plain(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
-    read = {}
-    for field in fields(record):
-        if field.name in values:
-            read[field.name] = _READERS.get(str(field.type), lambda value: value)(values[field.name])
-        elif field.default is MISSING:
-            raise KeyError(field.name)
-    return record(**read)
+    given = [field for field in fields(record) if field.name in values or field.default is MISSING]
+    return record(**{field.name: _READERS[str(field.type)](values[field.name]) for field in given})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,13 +47,9 @@ class BagPlayer:
     Everything goes to names below ``/replay``, apart from the joint states that the nodes are to hear. A
     controller takes those for an arm's and may command efforts that fit the recorded motion. So the replay is
     refused, or ends, as soon as anybody listens to commands or another node publishes joint states.
-
-    Args:
-        replay: what to publish.
-        with_clock: whether to publish ``/clock`` as well.
-        toggled: polled; true: the user wants a pause, or its end.
-        on_pause: called with true when a pause begins, with false when it ends.
-        namespace: of the nodes that are to hear the joint states.
+    ``with_clock``: whether to publish ``/clock`` as well. ``toggled``: polled;
+    true: the user wants a pause, or its end. ``on_pause``: called with true when a pause begins, with false
+    when it ends. ``namespace``: of the nodes that are to hear the joint states.
     """
 
     def __init__(

@@ -58,14 +58,6 @@ class CommandChannel:
         if self._source is not None and self._newest is not None:
             self._pub.publish(self._newest)
 
-    def release(self, stamp_ns: int) -> None:
-        """Command zero effort, when the source permits nothing else any more.
-
-        Position drives get nothing: zeros would be a posture, and they hold their last set point.
-        """
-        if self._interface == "effort":
-            self.send(stamp_ns)
-
     def destroy(self) -> None:
         """Take the publisher back."""
         self.shut()

@@ -1,12 +1,15 @@
-"""What a controller offers next to its commands: the trial action and the emergency stop."""
+"""What a controller has next to its commands: the trial action, its sight of the arm, the emergency stop."""
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -16,7 +19,10 @@ from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import TrialResult
 
 from tel_ros import local_stop
+from tel_ros.core.arm_state import ArmState
+from tel_ros.core.config import ControlConfig
 from tel_ros.core.control.controller import EpController
+from tel_ros.core.control.holding import RestDetector
 from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.errors import StateError, TelError, TrajectoryError
 from tel_ros.core.trial import Outcome, TrialReport
@@ -33,14 +39,9 @@ class TrialServer:
 
     An execute callback that waited for the end would block the joint states or keep the executor polling, so
     it runs at the end of the trial only. Every goal is accepted, and one that is not followed is answered
-    with the outcome REFUSED and the reason: a rejection cannot carry one.
-
-    Args:
-        node: of the controller.
-        joints: names, in the order of all arrays.
-        controller: returns the present one.
-        obstacle: tells why no trial can begin now, apart from what the controller knows; empty: one can.
-        timer: notes the ticks of a trial; None: they are not timed.
+    with the outcome REFUSED and the reason: a rejection cannot carry one. ``controller``: returns the present
+    one. ``obstacle``: tells why no trial can begin now, apart from what the controller knows; empty: one can.
+    ``timer``: notes the ticks of a trial; None: they are not timed.
     """
 
     def __init__(
@@ -142,6 +143,67 @@ def _end_goal(goal_handle: ServerGoalHandle, result: TrialResult) -> ExecuteTria
     else:
         goal_handle.abort()
     return ExecuteTrial.Result(result=result)
+
+
+class SeenArm:
+    """What a controller sees of its arm, and for how long it has seen nothing, by the steady clock."""
+
+    def __init__(self, joints: Sequence[str], control: ControlConfig, timeout_s: float) -> None:
+        self._joints, self.timeout_s = joints, timeout_s
+        self._rest, self._rest_speed_rad_s = RestDetector.of(control), control.settle_speed_rad_s
+        self.state: ArmState | None = None
+        """The newest."""
+        self.useless = ""
+        """What is wrong with a message that is no new state."""
+        self._new_at = self._heard_at = -math.inf
+
+    def hear(self, state: ArmState | None, counts: bool, useless: str = "") -> None:
+        """Take in that a message has come: with a state that counts as new, or useless."""
+        self._heard_at, self.state = time.monotonic(), state or self.state
+        if counts:
+            self._new_at = self._heard_at
+        else:
+            self.useless = useless
+
+    def settle(self) -> None:
+        """Look whether the arm rests; once for each new state, when there is time."""
+        self._rest.at_rest(self.state.time_ns, self.state.position_rad)
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last new state."""
+        return time.monotonic() - self._new_at
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether a new state has come in time."""
+        return self.age_s < self.timeout_s
+
+    @property
+    def moves(self) -> bool:
+        """Whether the arm moves, as far as its states tell; a coarse encoder makes speeds at rest."""
+        if self.state is None or self._rest.still or not self.is_fresh:
+            return False
+        return bool(np.abs(self.state.velocity_rad_s).max() >= self._rest_speed_rad_s)
+
+    def silence(self) -> str:
+        """Say for how long no new state has come."""
+        which, why = "joint state", ""
+        if self._heard_at > self._new_at:
+            which, why = "new joint state", f": {self.useless}"
+        return f"no {which} for {self.age_s:.3f} s (time-out {self.timeout_s} s){why}"
+
+    def last_words(self, controller: EpController) -> str:
+        """Say what the states tell of the arm that is about to be left."""
+        if controller.distrusts:
+            return f"whether the arm rests was not seen: {controller.stopped_for}"
+        if self.state is None or not self.is_fresh:
+            return "no joint states came at the end: whether the arm rests was not seen"
+        if self._rest.still or (controller.at_final_effort and not self.moves):
+            return "the arm is at rest"
+        fastest = int(np.abs(self.state.velocity_rad_s).argmax())
+        speed_rad_s = abs(self.state.velocity_rad_s[fastest])
+        return f"the arm was not seen at rest: {self._joints[fastest]} moves at {speed_rad_s:.2f} rad/s"
 
 
 class SafetyServices:

@@ -113,8 +113,7 @@ def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointT
 def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajectory:
     """Return the desired trajectory of a message, its columns in the order of ``joints``.
 
-    Raises:
-        TrajectoryError: other joints, incomplete points, or whatever :class:`DesiredTrajectory` refuses.
+    Raises TrajectoryError: other joints, incomplete points, or whatever :class:`DesiredTrajectory` refuses.
     """
     columns = _columns(message.joint_names, joints)
     times_ns = np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
@@ -126,8 +125,7 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
 def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArray:
     """Return the equilibrium points of a message. Shape (n, n_joints).
 
-    Raises:
-        TrajectoryError: other joints, or points without positions.
+    Raises TrajectoryError: other joints, or points without positions.
     """
     return _values(message, "positions", _columns(message.joint_names, joints))
 
@@ -156,8 +154,7 @@ def to_goal_message(
 def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
     """Return the goal of a trial.
 
-    Raises:
-        TrajectoryError: other joints, arrays that do not fit together, or whatever the records refuse.
+    Raises TrajectoryError: other joints, arrays that do not fit together, or whatever the records refuse.
     """
     columns = _columns(message.joint_names, joints)
     shape = (len(message.time_ns), len(columns))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import time
 from functools import partial
 
-import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from tel_interfaces.msg import ControlState
 
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.controller import EpController
-from tel_ros.core.control.holding import RestDetector
 from tel_ros.core.control.loop_timing import LoopTimer
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
@@ -22,7 +19,7 @@ from tel_ros.local_stop import ENDED
 from tel_ros.nodes import qos
 from tel_ros.nodes.clock import STEADY, longest_silence_s
 from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
-from tel_ros.nodes.controller_services import SafetyServices, TrialServer
+from tel_ros.nodes.controller_services import SafetyServices, SeenArm, TrialServer
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level, RateMeter
 from tel_ros.nodes.hot_loop import busy_subscription
@@ -35,7 +32,6 @@ from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
-NOTHING_MOVED = "the controller has not moved the arm"
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -62,12 +58,10 @@ class EpControllerNode(ManagedNode):
             self._controller = self._make_controller()
         self._interface = arm.command_interface
         self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
-        self._rest_speed_rad_s = control.settle_speed_rad_s
-        self._rest = RestDetector.of(control)
-        self._rests = False
         self._answers_between_trials = not waits
-        self._state_timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
-        self._silence_s = self._state_timeout_s if waits else longest_silence_s(self._state_timeout_s)
+        timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
+        self._arm = SeenArm(self._joints, control, timeout_s)
+        self._silence_s = timeout_s if waits else longest_silence_s(timeout_s)
         self._read = joint_state_reader()
         # Position drives brake by themselves, with states that are never late.
         wall_clock = not waits and self._interface == "effort"
@@ -75,14 +69,11 @@ class EpControllerNode(ManagedNode):
         self._estimated: tuple[str, ...] = ()
         self._channel: CommandChannel | None = None  # from configure to cleanup
         self._acts = self._ending = False
-        self._seen_at_end = NOTHING_MOVED
+        self._seen_at_end = "the controller has not moved the arm"
         self._control_state = ControlStateLayout(len(self._joints))
         # Where the arm waits for commands, how fast they come says nothing about the trial.
         self._timer = None if waits else LoopTimer(control.rate_hz, round(TIMED_S * control.rate_hz))
-        self._seen: ArmState | None = None
         self._answered_ns = -1
-        self._last_state_at = self._heard_at = -math.inf
-        self._useless = ""  # what is wrong with the last message, which is no new state
         self._commanding = False
 
         # Also before it is active: listening does no harm, and tells whether there is an arm.
@@ -128,7 +119,7 @@ class EpControllerNode(ManagedNode):
         if self._trials.busy:
             why = f"a trial is under way; cancel it, or call {stop}, and wait for its end"
             raise TransitionRefusedError(why)
-        if self._moves():
+        if self._arm.moves:
             raise TransitionRefusedError(f"the arm moves; wait until it rests, or call {stop}")
         self._release(hold=self._holds_at_the_end)
 
@@ -161,7 +152,7 @@ class EpControllerNode(ManagedNode):
         """Whether the last effort has been commanded, or no states come to answer."""
         if not self._acts or self._controller.at_final_effort:
             return True
-        return not self._controller.active and not self._states_are_fresh()
+        return not self._controller.active and not self._arm.is_fresh
 
     def destroy_node(self) -> None:
         """Command the last effort, then go."""
@@ -174,28 +165,25 @@ class EpControllerNode(ManagedNode):
         arrived_ns = time.monotonic_ns()
         if self._competing.of_states:
             return  # several publishers: nobody knows whose state it is
-        self._heard_at = time.monotonic()
         try:
             state = self._gate.admit(*self._read(raw), arrived_ns)
         except StateError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
-            self._useless = str(error)
+            self._arm.hear(None, False, str(error))
             self._end_in_silence()
             return
         if self._gate.estimated != self._estimated:
             self._say_what_is_estimated()
-        is_new = state is not self._seen
-        self._seen = state
-        if is_new or not self._controller.active:
-            self._last_state_at = self._heard_at
-        else:
-            self._useless = "the joint states repeat their stamp"
+        is_new = state is not self._arm.state
+        counts = is_new or not self._controller.active
+        self._arm.hear(state, counts, "the joint states repeat their stamp")
+        if not counts:
             self._end_in_silence()
         if self._acts:
             self._act_on(state, arrived_ns)
         if is_new:  # the command is on its way: the arm does not wait for this
             self._states.count += 1
-            self._rests = self._rest.at_rest(state.time_ns, state.position_rad)
+            self._arm.settle()
 
     def _act_on(self, state: ArmState, arrived_ns: int) -> None:
         moves = self._controller.active or self._controller.braking or self._is_stopping()
@@ -240,18 +228,12 @@ class EpControllerNode(ManagedNode):
         In lockstep the time of an arm that gets no answer stands still: it would never be seen at rest.
         """
         stopped = self._controller.stopped_for is not None
-        return stopped and (not self._controller.at_final_effort or self._moves())
-
-    def _moves(self) -> bool:
-        """Whether the arm moves, as far as its states tell; a coarse encoder makes speeds at rest."""
-        if self._seen is None or self._rests or not self._states_are_fresh():
-            return False
-        return bool(np.abs(self._seen.velocity_rad_s).max() >= self._rest_speed_rad_s)
+        return stopped and (not self._controller.at_final_effort or self._arm.moves)
 
     def _why_not_reset(self) -> str:
         if self._ending:
             return "the node is ending"
-        return "the arm is not at rest yet" if self._is_stopping() or self._moves() else ""
+        return "the arm is not at rest yet" if self._is_stopping() or self._arm.moves else ""
 
     def _end_if_stopped(self) -> None:
         if self._ending and self.stopped:
@@ -260,13 +242,14 @@ class EpControllerNode(ManagedNode):
     def _publish_zero(self) -> None:
         self._commanding = False
         self._controller.safety.none()
-        self._channel.release(self._seen.time_ns if self._seen else 0)
+        if self._interface == "effort":  # zeros would be a posture, and position drives hold their last one
+            self._channel.send(self._arm.state.time_ns if self._arm.state else 0)
 
     def _release(self, hold: bool) -> None:
         """Shut the channel, after a last command of zero effort unless the last one is to stay."""
         if not self._acts:
             return
-        self._seen_at_end = self._what_is_seen()
+        self._seen_at_end = self._arm.last_words(self._controller)
         if self._controller.safety.last_nm.any() and not hold:
             self._publish_zero()
         self._channel.shut()
@@ -275,21 +258,6 @@ class EpControllerNode(ManagedNode):
         self._controller = self._make_controller()
         if self._safety.reason:
             self._controller.stop_for(self._safety.reason)
-
-    def _what_is_seen(self) -> str:
-        """Say what the states tell of the arm that is about to be left."""
-        if self._controller.distrusts:
-            return f"whether the arm rests was not seen: {self._controller.stopped_for}"
-        if self._seen is None or not self._states_are_fresh():
-            return "no joint states came at the end: whether the arm rests was not seen"
-        if self._rests or (self._controller.at_final_effort and not self._moves()):
-            return "the arm is at rest"
-        fastest = int(np.abs(self._seen.velocity_rad_s).argmax())
-        speed_rad_s = abs(self._seen.velocity_rad_s[fastest])
-        return f"the arm was not seen at rest: {self._joints[fastest]} moves at {speed_rad_s:.2f} rad/s"
-
-    def _states_are_fresh(self) -> bool:
-        return time.monotonic() - self._last_state_at < self._state_timeout_s
 
     def _watch(self) -> None:
         """End what is under way when other nodes command the arm or publish its states, or states stop."""
@@ -302,11 +270,8 @@ class EpControllerNode(ManagedNode):
 
     def _end_in_silence(self) -> None:
         """End what is under way if no new state has come in time, or the next look would be too late."""
-        silent_s = time.monotonic() - self._last_state_at
-        if silent_s > self._silence_s and (self._commanding or self._controller.active):
-            which = "new joint state" if self._heard_at > self._last_state_at else "joint state"
-            why = f": {self._useless}" if self._heard_at > self._last_state_at else ""
-            self._lose_states(f"no {which} for {silent_s:.3f} s (time-out {self._state_timeout_s} s){why}")
+        if self._arm.age_s > self._silence_s and (self._commanding or self._controller.active):
+            self._lose_states(self._arm.silence())
 
     def _lose_states(self, message: str) -> None:
         left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"
@@ -326,7 +291,7 @@ class EpControllerNode(ManagedNode):
                 f"{self.get_name()} is {self.lifecycle_state}; expected active "
                 f"(ros2 lifecycle set {self.get_fully_qualified_name()} configure, then activate)"
             )
-        if not self._states_are_fresh():
+        if not self._arm.is_fresh:
             return f"no joint states on {self._states_topic}"
         unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
         return self._competing.of_states or self._competing.of_commands or unheard
@@ -339,8 +304,8 @@ class EpControllerNode(ManagedNode):
 
     def _publish_ready(self) -> None:
         self._tell_ready()
-        if self._acts and self._seen is not None and self._states_are_fresh() and not self._commanding:
-            self._state_pub.publish(idle_state(self._seen))
+        if self._acts and self._arm.is_fresh and not self._commanding:
+            self._state_pub.publish(idle_state(self._arm.state))
 
     def _health(self) -> Health:
         """Return the worst that is known, and all values."""
@@ -353,7 +318,7 @@ class EpControllerNode(ManagedNode):
         found = (
             (stopped, Level.ERROR, f"{stopped}; {self._safety.reset_name} ends it"),
             (self.lifecycle_state != "active", Level.WARN, f"{self.lifecycle_state}: it commands nothing"),
-            (not self._states_are_fresh(), Level.ERROR, f"no joint states on {self._states_topic}"),
+            (not self._arm.is_fresh, Level.ERROR, f"no joint states on {self._states_topic}"),
             (listeners == 0, Level.ERROR, f"nobody listens to {commands_topic}"),
             (trial, Level.OK, f"trial {trial}: {phase}"),
             (last and last.outcome == Outcome.ABORTED, Level.WARN, f"{ended}; {phase}"),
@@ -366,7 +331,7 @@ class EpControllerNode(ManagedNode):
             "trial": trial or "none",
             "emergency_stop": stopped or "not latched",
             "states_rate_hz": f"{self._states.rate_hz():.1f}",
-            "states_age_s": f"{time.monotonic() - self._last_state_at:.3f}",
+            "states_age_s": f"{self._arm.age_s:.3f}",
             "listeners_to_commands": listeners,
             "last_refusal": self.refusal or "none",
             "last_trial": ended,

@@ -33,11 +33,8 @@ def replay_control(controller: EpController, run: Path, joints: Sequence[str]) -
 
     Nothing is sent anywhere. The controller is a function of goals and joint states: fed with the recorded
     ones it has to decide what is recorded. False: it did not, since something that is not recorded, such as
-    an emergency stop, had a part; it must not be used then.
-
-    Raises:
-        BagError: a bag cannot be read.
-        TrajectoryError: a recorded goal is one that the arm must not follow.
+    an emergency stop, had a part; it must not be used then. Raises BagError: a bag cannot be read;
+    TrajectoryError: a recorded goal is one that the arm must not follow.
     """
     # Imported late: a loop that begins anew needs no bags, and should not wait for their reader.
     from tel_ros.recording.run_folder import trial_bags

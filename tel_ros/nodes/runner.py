@@ -43,8 +43,7 @@ def start_ros(
 ) -> None:
     """Initialise rclpy without its signal handlers; by default as a command does, which keeps no log file.
 
-    Raises:
-        TelError: arguments are malformed, or would be passed over; or ROS does not start.
+    Raises TelError: arguments are malformed, or would be passed over; or ROS does not start.
     """
     for option, file in pairwise(arguments):
         if option == "--params-file":

@@ -71,10 +71,7 @@ class PulseGuard:
     That is when a joint leaves the allowed range about where it was in the state ``home``, when no new state
     comes for ``state_gap_s``, or when the states stand still though they would have to change. Before any
     command nothing in them has changed for ``quiet_s`` at most. Times are those of a clock that only runs
-    forward.
-
-    Raises:
-        ConfigError: ``state_gap_s`` is not above 0 and up to :data:`MOST_STATE_GAP_S`.
+    forward. Raises ConfigError: ``state_gap_s`` is not above 0 and up to :data:`MOST_STATE_GAP_S`.
     """
 
     def __init__(

@@ -44,10 +44,7 @@ class CommandGuard:
     finite or has another length counts as none.
 
     While it listens it learns from commands and states which effort holds the arm at rest. The arm's empty
-    limits must have been filled from the URDF.
-
-    Raises:
-        ConfigError: a value does not fit the arm.
+    limits must have been filled from the URDF. Raises ConfigError: a value does not fit the arm.
     """
 
     def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig) -> None:

@@ -112,15 +112,12 @@ class SpringBrake:
     τ·q̇ <= 0 at every joint: no torque ever adds energy, and the arm comes to rest where it stops.
 
     Under a weight that would let the arm sink without end. So the deflection that held the arm when it was
-    last at rest is kept all the time, and the deflection beyond it is halved whenever a joint turns round
-    and its spring would push it along. Half of what a spring has given way by when a weight that fell into
-    it turns round is just what carries the weight: so the deflection finds the load of another posture by
+    last at rest is kept all the time, and the deflection beyond it is halved whenever a joint turns round and
+    its spring would push it along. Half of what a spring has given way by when a weight that fell into it
+    turns round is just what carries the weight: so the deflection finds the load of another posture by
     itself. A spring then gives back at most a quarter of the energy that it has taken up, each time. Where
-    the load is unknown, what is kept counts as load from then on.
-
-    Args:
-        position_rad: where to latch.
-        load_rad: deflection that holds the arm; all 0: it bears no weight; None: unknown.
+    the load is unknown, what is kept counts as load from then on. ``position_rad``: where to latch.
+    ``load_rad``: deflection that holds the arm; all 0: it bears no weight; None: unknown.
     """
 
     MOVING_RAD_S = 0.05
@@ -183,7 +180,7 @@ class Hold:
         self._brake = None
 
     def equilibrium(self, state: ArmState, springs: Springs, at_rest: bool, late: bool = False) -> FloatArray:
-        """Return the equilibrium points that brake the arm; ``late``: less than half of the effort acts."""
+        """Return the equilibrium points that brake the arm. ``late``: less than half of the effort acts."""
         if not late:
             self._late_since_ns = None
         else:

@@ -132,9 +132,8 @@ class Limits:
     def check_goal(self, goal: TrialGoal, rest_speed_rad_s: float) -> None:
         """Refuse a goal that the arm must not or cannot follow.
 
-        Raises:
-            TrajectoryError: wrong number of joints, desired positions or velocities outside the limits,
-                or a desired trajectory that does not start and end at rest.
+        Raises TrajectoryError: wrong number of joints, desired positions or velocities outside the limits, or
+        a desired trajectory that does not start and end at rest.
         """
         desired, n_joints = goal.desired, len(self.joints)
         if desired.n_joints != n_joints:

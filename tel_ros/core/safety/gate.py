@@ -71,8 +71,7 @@ class StateGate:
             efforts_nm: likewise; a list of another length counts as none.
             arrived_ns: by a clock of this machine that nobody sets.
 
-        Raises:
-            StateError: the state is refused; the message says why.
+        Raises StateError: the state is refused; the message says why.
         """
         if names is not self._names:
             self._find_columns(names)
@@ -146,10 +145,8 @@ class Plausibility:
     def require(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
         """Refuse a state, or remember it as the last one. Shapes (n_joints,).
 
-        Numbers that are not finite are not judged here; velocities are NaN where none is reported.
-
-        Raises:
-            StateError: a joint is too fast, or has jumped.
+        Numbers that are not finite are not judged here; velocities are NaN where none is reported. Raises
+        StateError: a joint is too fast, or has jumped.
         """
         positions = position_rad.tolist()
         if self._last_ns is None or not self._is_ordinary(positions, velocity_rad_s.tolist()):
@@ -197,11 +194,9 @@ class Latency:
     After a stamp that goes back (a clock that was set, another source) the minimum counts anew.
 
     Clocks drift, and a minimum that never rose would take a slow clock for states that come later and later.
-    So it rises by a share of the time that passes. A latency that grows no faster than that goes unseen,
-    and one that stays is forgotten at that rate.
-
-    Args:
-        clock_drift: the share, 0 to 1. With 1 nothing is ever late, whatever the stamps do.
+    So it rises by a share of the time that passes. A latency that grows no faster than that goes unseen, and
+    one that stays is forgotten at that rate. ``clock_drift``: the share, 0 to 1. With 1 nothing is ever late,
+    whatever the stamps do.
     """
 
     def __init__(self, clock_drift: float) -> None:
@@ -255,8 +250,7 @@ class MissingVelocities:
     def fill(self, time_ns: int, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
         """Return velocities as reported, NaN replaced by estimates. Shapes (n_joints,).
 
-        Raises:
-            StateError: velocities are missing, and a position is not finite; it is not taken in.
+        Raises StateError: velocities are missing, and a position is not finite; it is not taken in.
         """
         if self._all_told:
             return velocity_rad_s

@@ -41,8 +41,7 @@ class SafetyLayer:
         rate_hz: of states and commands.
         own_rules: win over all but the effort limit and the rule about late states.
 
-    Raises:
-        ConfigError: a value does not fit the arm.
+    Raises ConfigError: a value does not fit the arm.
     """
 
     def __init__(
@@ -92,10 +91,8 @@ class SafetyLayer:
         After a gap, or stamps that went back, nobody knows what has acted on the arm; and while a motor does
         not act (:attr:`response`), it is known that nothing has. Efforts grow from zero then, and a joint
         that is beyond a soft limit is led back (:class:`~tel_ros.core.safety.motion_rules.SoftLimits`).
-
-        Raises:
-            EffortError: ``wanted_nm`` is not finite or not of shape (n_joints,). The last effort is zero from
-                then on, and that is what is to be commanded: :meth:`none`.
+        Raises EffortError: ``wanted_nm`` is not finite or not of shape (n_joints,). The last effort is zero
+        from then on, and that is what is to be commanded: :meth:`none`.
         """
         self.response.look(state.time_ns, self.last_nm, state.effort_nm)
         # An effort that a motor withholds moves nothing, and that is no fault of the readings.
@@ -140,10 +137,7 @@ class SafetyLayer:
         """Return the effort of a pulse, within the effort limits.
 
         The rules about motion would soften it, and what an arm does then would be judged wrongly. Narrower
-        bounds hold it: :mod:`tel_ros.core.check.pulses`.
-
-        Raises:
-            EffortError: as for :meth:`permit`.
+        bounds hold it: :mod:`tel_ros.core.check.pulses`. Raises EffortError: as for :meth:`permit`.
         """
         self.none()
         self._require_finite(wanted_nm)
