@@ -72,7 +72,7 @@ OURS: dict[str, LearnerKind] = {
     # Trees alone. ``learning.weights`` says how they learn.
     "lms_tree": OurKind(_trees),
     # Polynomials for the energies of rigid links, with friction; no kinematics.
-    "polynomial": OurKind(_polynomial),
+    "polynomial": OurKind(_polynomial, extrapolates=True),
     # The parameters of rigid links with friction; kinematics from the URDF.
     "rigid_body": OurKind(_rigid_body, extrapolates=True),
     # Trees, solved by least squares, learn what rigid links leave over.
