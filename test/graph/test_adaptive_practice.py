@@ -15,10 +15,11 @@ from tel_ros.core.practice.strategy import Ending
 from tel_ros.core.trial import Outcome
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, new_network
+from tel_ros.recording.resumption import earlier_trials
 from tel_ros.recording.run_folder import json_ready, network_after
 from tel_ros.recording.waypoint_file import load_path
 
-PLANAR = ROOT / "config" / "planar_arm.yaml"
+PLANAR, FASTEST = ROOT / "config" / "planar_arm.yaml", ROOT / "config" / "fastest.yaml"
 TOO_FAST_AT_ONCE = (
     "practice.strategy=adaptive_extension",
     *("practice.first_duration_s=9.0", "practice.goal_duration_s=3.0", "practice.step_tolerance_rad=0.9"),
@@ -61,3 +62,24 @@ def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: Callabl
     assert [trial.index for trial in theory.trials] == [1, 3, 4]
     assert theory.missing == ""
     assert all(0.0 < estimate.k_r < 1.0 for estimate in theory.estimates)
+
+
+@pytest.mark.timeout(150)
+def test_the_fastest_movement_is_that_of_the_same_run_without_ros(tel: Callable[..., TelProcess]) -> None:
+    quick = ("practice.first_duration_s=6.0", *COARSE)
+    run = tel(*quick, config=FASTEST)
+    config = load_config(FASTEST, quick)
+    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        offline = practice.run()
+    code, out, err = run.finish()
+    assert code == 0, err
+    rows = summary_of(out)["trials"]
+    assert practice.ending == Ending("completed", summary_of(out)["message"])
+    planned = [[done.plan.reason, done.plan.movement.effort_share, done.plan.possible_s] for done in offline]
+    assert [[row["reason"], row["effort_share"], row["possible_s"]] for row in rows] == json_ready(planned)
+    for key in ("alpha", "duration_s", "rms_error_rad", "max_error_rad", "ticks"):
+        assert [row[key] for row in rows] == [getattr(done.trial.report, key) for done in offline], key
+    assert rows[-1]["effort_share"] == 0.9 and rows[-1]["duration_s"] < 1.7
+    # From the bags and the networks in files the strategy decides the same once more.
+    prepared = earlier_trials(run.folder, config)
+    assert [row.effort_share for row in prepared.rows] == [row["effort_share"] for row in rows]

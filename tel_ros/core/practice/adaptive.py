@@ -20,7 +20,7 @@ _PATIENCE = 3
 """Trials of one movement without progress after which practice ends."""
 _PROGRESS = 0.9
 """An error that falls below this share of the best one so far is progress."""
-_ANOTHER_ARM = 2.0
+ANOTHER_ARM = 2.0
 """An error above this multiple of the best one at the same movement is that of an arm that has changed."""
 _FIRST_STEP = math.log(1.5)
 _LARGER = 2.0
@@ -197,7 +197,7 @@ class AdaptiveExtension:
             fastest_s = self._course.movement(hardest).duration_s
             reason = f"slower: the effort limits allow about {fastest_s:.2f} s"
             return self._planned(hardest, forecast, reason)
-        if last.rms_error_rad > _ANOTHER_ARM * self._best:
+        if last.rms_error_rad > ANOTHER_ARM * self._best:
             self._best = math.inf
         if last.rms_error_rad < _PROGRESS * self._best:
             self._best, self._without_progress = last.rms_error_rad, 0
@@ -213,7 +213,7 @@ class AdaptiveExtension:
         reason = f"repeated: {_mrad(last.rms_error_rad)} RMS were more than wanted"
         return self._planned(self._slowness, forecast, reason)
 
-    def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial:
+    def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the largest step after which the error should stay within the tolerance of a step."""
 
         def is_easy(slowness: float) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tel_ros.core.config import Config, PracticeConfig
 from tel_ros.core.errors import TrajectoryError
-from tel_ros.core.practice.adaptive import AdaptiveExtension
+from tel_ros.core.practice.adaptive import ANOTHER_ARM, AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.learned_timings import VELOCITY_SHARE
 from tel_ros.core.practice.strategy import Ending, Forecast, Forecaster, Movement, PlannedTrial
@@ -21,6 +21,16 @@ _FIRST_GUESS = 4.0
 _LEAST_FIRST = 1.01
 _AT_THE_LIMIT = 0.97
 """Of what a joint may use: from here on it counts as what limits the movement."""
+_HARDLY_FASTER = 1.005
+"""Slownesses whose ratio is smaller than this are about the same."""
+_STANDSTILLS = 3
+"""Trials without a faster one to follow after which practice ends."""
+_ERROR_EXPONENT = 4.0
+"""Near the limits errors go with about this power of the speed."""
+_EASED = (1.02, 1.15)
+"""By how much the movement is made slower at once, at least and at most."""
+_HARDLY_BETTER = 0.8
+"""A repeat with an error above this share of the one before has hardly helped."""
 
 
 class EffortCourse(Course):
@@ -34,6 +44,7 @@ class EffortCourse(Course):
         self._first_s, self._share = practice.first_duration_s, practice.effort_share
         super().__init__([Leg("speed", self._first_s, self._first_s)], Movement(self._first_s))
         self._first_slowness = _FIRST_GUESS
+        self._goal_slowness = 1.0
         self.possible_s: float | None = None
         """Duration at the goal, as far as is known."""
 
@@ -50,8 +61,17 @@ class EffortCourse(Course):
 
     @property
     def goal_slowness(self) -> float:
-        """Slowness of the goal."""
-        return 1.0
+        """Slowness of the goal: 1, unless it had to be made easier."""
+        return self._goal_slowness
+
+    def ease(self, slowness: float) -> None:
+        """Make a slower movement the goal."""
+        self._goal_slowness = slowness
+
+    @property
+    def is_eased(self) -> bool:
+        """Whether the goal had to be made easier."""
+        return self._goal_slowness > 1.0
 
     def movement(self, slowness: float) -> Movement:
         """Return the movement at a slowness."""
@@ -79,7 +99,7 @@ class EffortCourse(Course):
     def goal_text(self) -> str:
         """What the goal is."""
         about = "the fastest" if self.possible_s is None else f"{self.possible_s:.2f} s, the fastest"
-        return f"{about} with {100 * self._share:g} % of the effort limits"
+        return f"{about} with {100 * self._share / self._goal_slowness**2:.3g} % of the effort limits"
 
     @property
     def ends(self) -> list[Movement]:
@@ -95,6 +115,9 @@ class Fastest(AdaptiveExtension):
     The first trial is slow and of minimum jerk. From what it shows the timing of the next one is made, which
     uses little effort, and so on: the steps are those of :class:`~.adaptive.AdaptiveExtension`. What it
     believes possible is said with each trial.
+
+    If the error of the fastest movement stays above the tolerance, a little time is traded for accuracy: the
+    movement becomes slower by as much as the error asks for.
     """
 
     _course: EffortCourse
@@ -105,6 +128,9 @@ class Fastest(AdaptiveExtension):
         self._stiffness = np.array(config.arm.stiffness_nm_per_rad)
         self._effort_limit_nm = np.array(config.arm.effort_limit_nm)
         self._velocity_limit_rad_s = np.array(config.arm.velocity_limit_rad_s)
+        self._standstills = 0
+        self._error_at_goal: float | None = None
+        """Of the last trial at the goal; None if that was another one."""
 
     def next(self, last: TrialReport | None, forecast: Forecaster) -> PlannedTrial | Ending:
         """Return the next trial, or the end of practice and its reason."""
@@ -113,8 +139,12 @@ class Fastest(AdaptiveExtension):
                 self._believe(forecast)
             decision = super().next(last, forecast)
             if isinstance(decision, Ending) and decision.outcome == "completed":
-                limits = self._limits(forecast(self._course.goal))
-                return replace(decision, message=f"{decision.message}; {limits}")
+                words = [decision.message, self._limits(forecast(self._course.goal))]
+                if self._course.is_eased:
+                    words.append(
+                        f"faster ones did not come within {1e3 * self._practice.tolerance_rad:g} mrad"
+                    )
+                return replace(decision, message="; ".join(words))
             return decision
         except TrajectoryError as error:
             return Ending("stopped", f"{self._course.goal_text} cannot be found: {error}")
@@ -131,6 +161,36 @@ class Fastest(AdaptiveExtension):
         peak_nm = np.abs(forecast.effort_nm).max(axis=0)
         return super()._is_easy(forecast) and bool(np.all(peak_nm + 2.0 * std_nm <= self._effort_limit_nm))
 
+    def _extended(self, hardest: float, forecast: Forecaster) -> PlannedTrial | Ending:
+        before = self._slowness
+        decision = super()._extended(hardest, forecast)
+        hardly_faster = before <= self._slowness * _HARDLY_FASTER and self._slowness > hardest
+        self._standstills = self._standstills + 1 if hardly_faster else 0
+        if self._standstills < _STANDSTILLS:
+            return decision
+        assert isinstance(decision, PlannedTrial)
+        return Ending(
+            "stopped",
+            f"{self._course.goal_text} is out of reach: what has been learned leaves too little certainty "
+            f"for more than {self._course.text(decision.movement)}",
+        )
+
+    def _repeated(self, last: TrialReport, forecast: Forecaster) -> PlannedTrial | Ending:
+        error_rad, before = last.rms_error_rad, self._error_at_goal
+        at_goal = self._slowness <= self._course.goal_slowness
+        self._error_at_goal = error_rad if at_goal else None
+        has_stayed = before is not None and _HARDLY_BETTER * before <= error_rad <= ANOTHER_ARM * before
+        if not (at_goal and has_stayed):
+            return super()._repeated(last, forecast)
+        factor = (error_rad / self._practice.tolerance_rad) ** (1.0 / _ERROR_EXPONENT)
+        slowness = self._slowness * float(np.clip(factor, *_EASED))
+        self._course.ease(slowness)
+        self._course.believe(forecast(self._course.goal).duration_s)
+        self._error_at_goal = None
+        self._begin_movement()
+        reason = f"slower for accuracy: {1e3 * error_rad:.2f} mrad RMS did not fall by repeating"
+        return self._planned(slowness, forecast, reason)
+
     def _planned(
         self, slowness: float, forecast: Forecaster, reason: str, go_back_to: int | None = None
     ) -> PlannedTrial:
@@ -138,7 +198,8 @@ class Fastest(AdaptiveExtension):
         possible_s = self._course.possible_s
         if possible_s is not None:
             share = self._practice.effort_share
-            possible = f"about {possible_s:.2f} s are possible at {100 * share:g} % of the effort limits"
+            share /= self._course.goal_slowness**2
+            possible = f"about {possible_s:.2f} s are possible at {100 * share:.3g} % of the effort limits"
             movement = replace(plan.movement, duration_s=forecast(plan.movement).duration_s)
             plan = replace(
                 plan, movement=movement, reason=f"{plan.reason}; {possible}", possible_s=possible_s
@@ -148,7 +209,7 @@ class Fastest(AdaptiveExtension):
 
     def _limits(self, forecast: Forecast) -> str:
         """Say which joints limit a movement, for which shares of its time."""
-        may_nm = self._practice.effort_share * self._effort_limit_nm
+        may_nm = (self._course.goal.effort_share or 1.0) * self._effort_limit_nm
         may_rad_s = VELOCITY_SHARE * self._velocity_limit_rad_s
         found = [
             (float(part), f"{what} of {joint}")

@@ -99,7 +99,11 @@ class LearnedTimings:
             np.minimum(self._velocity_rad_s, VELOCITY_SHARE * fastest),
         )
         minimum_jerk = self._config.practice.timing == "minimum_jerk"
-        return fastest_minimum_jerk(dynamics, bounds) if minimum_jerk else time_optimal(dynamics, bounds)
+        if minimum_jerk:
+            return fastest_minimum_jerk(dynamics, bounds)
+        # The arm settles where the first command pulls it: one that would already begin to accelerate it
+        # would draw it off its path.
+        return replace(time_optimal(dynamics, bounds), rest_s=1.0 / self._config.control.rate_hz)
 
     def _dynamics_of(
         self, movement: Movement, predict: Callable[[DesiredTrajectory], Answer]

@@ -58,21 +58,24 @@ class SmoothedSpeed:
 
     The mean turns jumps of the acceleration into ramps as long as the window, and makes the movement last
     longer by it. Arrays of shape (n_knots,): times from 0 on, s from 0 to 1, ds/dt from 0 to 0.
+
+    ``rest_s``: how long to stay at rest before.
     """
 
     knot_s: FloatArray
     travelled: FloatArray
     speed_per_s: FloatArray
     window_s: float
+    rest_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
         """How long the movement takes."""
-        return float(self.knot_s[-1]) + self.window_s
+        return self.rest_s + float(self.knot_s[-1]) + self.window_s
 
     def at(self, time_ns: IntArray) -> Derivatives:
         """See :meth:`Timing.at`."""
-        time_s = np.clip(time_ns / NS_PER_S, 0.0, self.duration_s)
+        time_s = np.clip(time_ns / NS_PER_S, 0.0, self.duration_s) - self.rest_s
         now, before = self._integrals(time_s), self._integrals(time_s - self.window_s)
         s, ds, dds = ((a - b) / self.window_s for a, b in zip(now, before, strict=True))
         return np.clip(s, 0.0, 1.0), ds, dds
