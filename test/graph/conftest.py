@@ -6,10 +6,19 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from graph_harness import COARSE, PAPER, SHORT, Graph, TelProcess
-from ros_domain import held_domains
+from graph_harness import Graph
+from tel_process import COARSE, HANG_S, PAPER, StartTel, tel_practice
 
 from tel_ros.recording.config_file import load_config
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let tests of graphs take longer than others: each of their waits has a limit of its own."""
+    for item in items:
+        if HERE in item.path.parents and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(5.0 * HANG_S))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -27,42 +36,10 @@ def domain(monkeypatch: pytest.MonkeyPatch, ros_domains: Iterator[int]) -> int:
 
 
 @pytest.fixture
-def tel(tmp_path: Path) -> Iterator[Callable[..., TelProcess]]:
+def tel(tmp_path: Path) -> Iterator[StartTel]:
     """Return a function that starts ``tel practice`` with overrides; whatever it started is ended."""
-    started: list[TelProcess] = []
-
-    def start(
-        *overrides: str,
-        config: Path = PAPER,
-        name: str = "run",
-        more: tuple[str, ...] = (),
-        **environment: str,
-    ) -> TelProcess:
-        folder = tmp_path / name
-        arguments = ["practice", str(config), "--out", str(folder), "--no-report", "--json", *more]
-        for override in overrides:
-            arguments += ["--set", override]
-        started.append(TelProcess(arguments, folder, environment))
-        return started[-1]
-
-    yield start
-    for process in started:
-        if process.process.poll() is None:
-            process.kill()
-            process.process.communicate(timeout=10.0)
-
-
-@pytest.fixture(scope="session")
-def whole_run(tmp_path_factory: pytest.TempPathFactory) -> TelProcess:
-    """Return a finished run of ``SHORT`` that nothing has disturbed; whoever looks at one shares it."""
-    folder = tmp_path_factory.mktemp("whole") / "run"
-    arguments = ["practice", str(PAPER), "--out", str(folder), "--no-report", "--json"]
-    arguments += [part for override in SHORT for part in ("--set", override)]
-    with held_domains() as domains:
-        environment = {"ROS_DOMAIN_ID": str(next(domains)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        run = TelProcess(arguments, folder, environment)
-        run.finish(180.0)
-    return run
+    with tel_practice(tmp_path) as start:
+        yield start
 
 
 @pytest.fixture

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import psutil
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -27,6 +23,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import ControlState, TrialGoal
+from tel_process import HANG_S
 
 from tel_ros.app.bring_up import NodeProcesses
 from tel_ros.core import trial
@@ -39,95 +36,8 @@ from tel_ros.recording import topics
 from tel_ros.recording.run_folder import CONFIG_FILE, create_run_folder
 from tel_ros.recording.waypoint_file import load_path
 
-ROOT = Path(__file__).parents[2]
-PAPER = ROOT / "config" / "paper.yaml"
-PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
-"""A machine that stands still for a second does not end a trial: time-outs are tested on their own."""
-COARSE = ("control.rate_hz=200", "control.settle_time_s=0.2")
-"""Ticks cost the tests most, next to starting processes; at 500 Hz there are more, and nothing else."""
 MOVING_RAD_S = 0.5
 """A joint at this speed is in mid-motion."""
-QUICK = (
-    *("practice.trials=3", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
-    *("control.approach_speed_rad_s=1.5", *COARSE, *PATIENT),
-)
-"""A practice run of a few seconds."""
-SHORT = (*QUICK, "practice.trials=2", "practice.goal_duration_s=3.5")
-
-
-class TelProcess:
-    """The command ``tel`` in a process of its own.
-
-    Args:
-        arguments: after ``tel``.
-        folder: of the run, if it makes one.
-        environment: additional variables.
-    """
-
-    def __init__(self, arguments: list[str], folder: Path, environment: dict[str, str]) -> None:
-        self.folder = folder
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tel_ros.app.cli", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            cwd=ROOT,
-            env={**os.environ, **environment},
-        )
-        self._seen: dict[str, psutil.Process] = {}
-        self._said: tuple[str, str] | None = None
-
-    def nodes(self) -> dict[str, psutil.Process]:
-        """Return the processes of the nodes that it has started so far."""
-        try:
-            children = psutil.Process(self.process.pid).children()
-        except psutil.NoSuchProcess:
-            children = []
-        for child in children:
-            try:
-                module = child.cmdline()[2].split(".")
-            except (psutil.NoSuchProcess, IndexError):
-                continue
-            self._seen[module[0] if module[0] == "sim_bridge" else module[-1]] = child
-        return self._seen
-
-    def wait_until_moving(self, trial: int, timeout_s: float = 60.0) -> dict[str, psutil.Process]:
-        """Wait until the controller has taken up a trial, and a moment longer; return the nodes."""
-        log = self.folder / "log" / "ep_controller.log"
-        wait_until(
-            lambda: log.exists() and f"trial {trial}: " in log.read_text(), timeout_s, f"trial {trial}"
-        )
-        time.sleep(0.3)
-        return self.nodes()
-
-    def finish(self, timeout_s: float = 90.0) -> tuple[int, str, str]:
-        """Wait for the end; return exit code, stdout and stderr."""
-        if self._said is None:
-            self.nodes()
-            try:
-                self._said = self.process.communicate(timeout=timeout_s)
-            except subprocess.TimeoutExpired:
-                self.kill()
-                raise
-        return self.process.returncode, *self._said
-
-    def left_behind(self) -> list[str]:
-        """Return the names of nodes that still run."""
-        return [name for name, process in self._seen.items() if _runs(process)]
-
-    def kill(self) -> None:
-        """End everything at once."""
-        for process in [*self.nodes().values(), psutil.Process(self.process.pid)]:
-            if _runs(process):
-                process.kill()
-
-
-def _runs(process: psutil.Process) -> bool:
-    try:
-        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
 
 
 def _moves(newest: list[ControlState]) -> bool:
@@ -135,14 +45,6 @@ def _moves(newest: list[ControlState]) -> bool:
     if not newest or newest[0].phase != ControlState.RUN:
         return False
     return max(abs(speed) for speed in newest[0].velocity_rad_s) > MOVING_RAD_S
-
-
-def wait_until(condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-    """Wait for a condition; fail the test when it does not come."""
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
-        time.sleep(0.05)
 
 
 class Graph:
@@ -177,11 +79,11 @@ class Graph:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def spin_until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+    def spin_until(self, condition: Callable[[], bool], what: str) -> None:
         """Spin the client until a condition holds; fail the test when it does not come."""
-        end = time.monotonic() + timeout_s
+        end = time.monotonic() + HANG_S
         while not condition():
-            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s\n{self._logs()}"
+            assert time.monotonic() < end, f"{what} did not come within {HANG_S} s\n{self._logs()}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def spin_for(self, duration_s: float) -> None:
@@ -196,17 +98,17 @@ class Graph:
         self.node.create_subscription(kind, topic, heard.append, depth)
         return heard
 
-    def call(self, kind: type, name: str, request: Any, timeout_s: float = 20.0) -> Any:
+    def call(self, kind: type, name: str, request: Any) -> Any:
         """Call a service."""
         future = self.client(kind, name).call_async(request)
-        self.spin_until(future.done, timeout_s, f"an answer of {name}")
+        self.spin_until(future.done, f"an answer of {name}")
         return future.result()
 
     def client(self, kind: type, name: str) -> Client:
         """Return the client of a service whose node knows it."""
         if name not in self._clients:
             client = self._clients[name] = self.node.create_client(kind, name)
-            self.spin_until(client.service_is_ready, 20.0, name)
+            self.spin_until(client.service_is_ready, name)
             self.meet(self._server_of(client.service_name))
         return self._clients[name]
 
@@ -220,13 +122,13 @@ class Graph:
                 found.extend([f"{space.rstrip('/')}/{name}"] if service in dict(offered) else [])
             return bool(found)
 
-        self.spin_until(finds, 20.0, f"the node of {service}")
+        self.spin_until(finds, f"the node of {service}")
         return found[0]
 
-    def meet(self, node: str, timeout_s: float = 30.0) -> None:
+    def meet(self, node: str) -> None:
         """Wait until a node knows everything that this one has made before: nothing is lost from then on."""
         other = Liveness(self.node, node)
-        self.spin_until(lambda: other.ask() >= 0.0 and other.met, timeout_s, f"an answer of {node}")
+        self.spin_until(lambda: other.ask() >= 0.0 and other.met, f"an answer of {node}")
 
     def change_state(self, transition: int) -> bool:
         """Ask the controller for a transition; return whether it has done it."""
@@ -243,12 +145,12 @@ class Graph:
         self.activate_controller()
         heard: list[Any] = []
         self.node.create_subscription(Bool, topics.READY, heard.append, qos.LATCHED)
-        self.spin_until(self.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+        self.spin_until(self.trials.server_is_ready, topics.EXECUTE_TRIAL)
         for name in (topics.SAFETY_STOP, topics.SAFETY_RESET):
             self.client(Trigger, name)  # at hand when they are needed
         for name in self.processes.pids:
             self.meet(name)
-        self.spin_until(lambda: bool(heard) and heard[-1].data, 20.0, topics.READY)
+        self.spin_until(lambda: bool(heard) and heard[-1].data, topics.READY)
 
     def goal(self, duration_s: float = 5.0) -> TrialGoal:
         """Return a good goal: the configured path, the desired positions as equilibrium points."""
@@ -264,7 +166,7 @@ class Graph:
         """Send a trial and return the goal handle."""
         on_feedback = None if feedback is None else lambda message: feedback.append(message.feedback)
         sent = self.trials.send_goal_async(ExecuteTrial.Goal(goal=goal), feedback_callback=on_feedback)
-        self.spin_until(sent.done, 10.0, "the answer to the goal")
+        self.spin_until(sent.done, "the answer to the goal")
         return sent.result()
 
     def start_moving(self, duration_s: float = 12.0) -> Any:
@@ -281,7 +183,7 @@ class Graph:
                 assert not end.done(), f"the trial has ended without that: {end.result().result.result}"
                 return _moves(newest)
 
-            self.spin_until(moves, 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
+            self.spin_until(moves, f"a joint at more than {MOVING_RAD_S} rad/s")
         return handle
 
     @contextmanager
@@ -289,7 +191,7 @@ class Graph:
         """Keep the process of the simulated arm stopped while that is in mid-motion (in lockstep)."""
         with self._newest_control_state() as newest:
             for _ in range(20):  # between the look and the signal the arm may have come to a turn of its path
-                self.spin_until(lambda: _moves(newest), 90.0, f"a joint at more than {MOVING_RAD_S} rad/s")
+                self.spin_until(lambda: _moves(newest), f"a joint at more than {MOVING_RAD_S} rad/s")
                 self.signal("sim_bridge", signal.SIGSTOP)
                 try:
                     self.spin_for(0.2)  # for what is under way
@@ -308,7 +210,7 @@ class Graph:
             ControlState, topics.CONTROL_STATES, lambda message: newest.__setitem__(slice(None), [message]), 1
         )
         self.meet(topics.EP_CONTROLLER)
-        self.spin_until(lambda: listener.get_publisher_count() > 0, 20.0, topics.CONTROL_STATES)
+        self.spin_until(lambda: listener.get_publisher_count() > 0, topics.CONTROL_STATES)
         try:
             yield newest
         finally:
@@ -317,18 +219,18 @@ class Graph:
     def where_time_stands_still(self) -> JointState:
         """Return the state that the simulated arm was left in: in lockstep it waits there for an answer."""
         arm = self.listen(JointState, topics.JOINT_STATES, depth=1)
-        self.spin_until(lambda: bool(arm), 10.0, "a joint state")
+        self.spin_until(lambda: bool(arm), "a joint state")
         return arm[-1]
 
-    def result_of(self, handle: Any, timeout_s: float = 90.0) -> Any:
+    def result_of(self, handle: Any) -> Any:
         """Wait for the end of an action and return its result."""
         future = handle.get_result_async()
-        self.spin_until(future.done, timeout_s, "the result")
+        self.spin_until(future.done, "the result")
         return future.result().result
 
-    def result(self, handle: Any, timeout_s: float = 40.0) -> Any:
+    def result(self, handle: Any) -> Any:
         """Wait for the end of a trial and return its result."""
-        return self.result_of(handle, timeout_s).result
+        return self.result_of(handle).result
 
     def signal(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a node."""
@@ -340,9 +242,3 @@ class Graph:
 
     def _logs(self) -> str:
         return "\n".join(f"--- {name}\n{self.log(name)}" for name in self.processes.pids)
-
-
-def summary_of(out: str) -> dict[str, Any]:
-    """Return the summary that ``tel practice --json`` has printed."""
-    summary: dict[str, Any] = json.loads(out)
-    return summary

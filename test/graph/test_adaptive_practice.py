@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
-import pytest
-from graph_harness import COARSE, ROOT, TelProcess, summary_of
+from tel_process import COARSE, ROOT, StartTel, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.run_theory import run_theory
@@ -30,8 +28,7 @@ TOO_FAST_AT_ONCE = (
 network of the first; four trials are not enough for the goal."""
 
 
-@pytest.mark.timeout(150)
-def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: Callable[..., TelProcess]) -> None:
+def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: StartTel) -> None:
     run = tel(*TOO_FAST_AT_ONCE, config=PLANAR)
     config = load_config(PLANAR, TOO_FAST_AT_ONCE)
     with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:

@@ -12,18 +12,14 @@ from collections.abc import Callable, Iterator
 
 import pytest
 import rclpy
-from click.testing import CliRunner
-from graph_harness import ROOT, wait_until
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from tel_process import HANG_S, ROOT, tel_here, wait_until
 
-from tel_ros.app.cli import main
 from tel_ros.recording import topics
-
-pytestmark = pytest.mark.timeout(90)
 
 CONFIG = ROOT / "config" / "planar_arm.yaml"
 FAKE_ARM = ROOT / "test" / "contract" / "fake_arm.py"
@@ -61,7 +57,7 @@ def fake_arm() -> Iterator[StartArm]:
     yield start
     for process in started:
         process.send_signal(signal.SIGINT)
-        process.wait(10.0)
+        process.wait(HANG_S)
 
 
 @pytest.fixture
@@ -78,13 +74,7 @@ def graph_node() -> Iterator[Node]:
 
 
 def run(*arguments: str, answer: str = "") -> tuple[int, str, str]:
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        result = CliRunner().invoke(main, ["check", str(CONFIG), *arguments], input=answer)
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    return result.exit_code, result.stdout, result.stderr
+    return tel_here("check", str(CONFIG), *arguments, answer=answer)
 
 
 def checked(*arguments: str) -> tuple[int, dict[tuple[str, str], dict[str, str]]]:
@@ -109,8 +99,8 @@ def stood_still(findings: dict[tuple[str, str], dict[str, str]]) -> bool:
     return any(findings["velocity", joint]["verdict"] == "not checked" for joint in obeying)
 
 
-def spin_until(executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout_s: float) -> None:
-    end = time.monotonic() + timeout_s
+def spin_until(executor: SingleThreadedExecutor, condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + HANG_S
     while not condition():
         assert time.monotonic() < end
         executor.spin_once(timeout_sec=0.05)
@@ -152,7 +142,7 @@ def test_an_arm_that_somebody_else_commands_or_that_has_other_names_is_not_pulse
     assert "wrong: name elbow: arm.joints needs the names" in out
     assert "wrong: other commands: end whoever else commands the arm" in out
     assert out.strip().splitlines()[-1].startswith("verdict  ")
-    wait_until(lambda: run("--passive", "--listen", "0.5")[0] == 2, 30.0, "a refusal beside another arm")
+    wait_until(lambda: run("--passive", "--listen", "0.5")[0] == 2, "a refusal beside another arm")
 
 
 def test_a_passive_check_and_one_that_nobody_agrees_to_command_nothing(
@@ -188,16 +178,16 @@ def test_ctrl_c_in_mid_pulse_leaves_zero_effort(fake_arm: StartArm, graph_node: 
             process = subprocess.Popen(
                 command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
-            spin_until(graph_node.executor, lambda: bool(states) and any(states[-1].effort), 40.0)
+            spin_until(graph_node.executor, lambda: bool(states) and any(states[-1].effort))
             process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=20.0)
+            _, err = process.communicate(timeout=HANG_S)
             if process.returncode not in (0, 1):
                 break
             graph_node.destroy_subscription(subscription)
         assert process.returncode == 130, err
         assert "zero effort was commanded" in err
         seen = len(states)
-        spin_until(graph_node.executor, lambda: len(states) > seen + 50, 20.0)
+        spin_until(graph_node.executor, lambda: len(states) > seen + 50)
         assert not any(states[-1].effort)
     finally:
         if process.poll() is None:
@@ -225,7 +215,7 @@ def test_joint_states_in_another_namespace_are_named(graph_node: Node) -> None:
     graph_node.create_publisher(JointState, "/robot1/joint_states", 1)
     said = "There is /robot1/joint_states: is the namespace right?"
     arguments = ("--set", "run.arm=external", "--set", "run.arm_timeout_s=2", "--passive")
-    wait_until(lambda: said in run(*arguments)[2], 30.0, "the topic that exists")
+    wait_until(lambda: said in run(*arguments)[2], "the topic that exists")
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from graph_harness import PATIENT, ROOT, Graph, TelProcess
+from graph_harness import Graph
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 from tel_interfaces.msg import ControlState, TrialGoal
+from tel_process import HANG_S, PATIENT, ROOT, TelProcess
 
 sys.path.insert(0, str(ROOT / "test" / "recording"))
 
@@ -28,7 +29,6 @@ from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.any_bag import open_any_bag  # noqa: E402
 from tel_ros.recording.replay import Replay  # noqa: E402
 
-pytestmark = pytest.mark.timeout(240)
 MADE_UP = "nobody_msgs/msg/Nothing"
 
 
@@ -45,7 +45,7 @@ def replaying() -> Iterator[Callable[..., TelProcess]]:
     for process in started:
         if process.process.poll() is None:
             process.kill()
-            process.process.communicate(timeout=10.0)
+            process.process.communicate(timeout=HANG_S)
 
 
 def test_what_is_heard_is_what_was_recorded(graph: Callable[..., Graph], tmp_path: Path) -> None:
@@ -65,19 +65,18 @@ def test_what_is_heard_is_what_was_recorded(graph: Callable[..., Graph], tmp_pat
             awaited = [player._clock, *(player._publishers[f"/replay/{topic}"] for topic in _TOPICS)]
             client.spin_until(
                 lambda: all(publisher.get_subscription_count() > 0 for publisher in awaited),
-                20.0,
                 "the connections",
             )
             assert not any(player.node.count_publishers(topic) for topic in topics.COMMANDS.values())
             published = threading.Thread(target=player.play, args=(1.0,))
             published.start()
-            client.spin_until(lambda: heard == recorded, 30.0, "all that was recorded")
+            client.spin_until(lambda: heard == recorded, "all that was recorded")
             published.join(timeout=30.0)
             late: list[bytes] = []
             client.node.create_subscription(
                 TrialGoal, f"/replay/{topics.TRIAL_GOAL}", late.append, qos.LATCHED, raw=True
             )
-            client.spin_until(lambda: bool(late), 20.0, "the goal, heard late")
+            client.spin_until(lambda: bool(late), "the goal, heard late")
     assert late == [raw for topic, _, raw in trial.messages() if topic == topics.TRIAL_GOAL]
     times_ns = [tick.clock.sec * NS_PER_S + tick.clock.nanosec for tick in ticks]
     assert times_ns == sorted(set(times_ns))
@@ -108,16 +107,16 @@ def test_time_stands_still_in_a_pause(graph: Callable[..., Graph], tmp_path: Pat
         playing = threading.Thread(target=play, args=(player,))
         playing.start()
         try:
-            client.spin_until(lambda: player.published > 0, 20.0, "the first message")
+            client.spin_until(lambda: player.published > 0, "the first message")
             set_pause(True)
             published = player.published
             time.sleep(0.5)  # in which a message would be due every 0.07 s
             assert player.published == published
             set_pause(False)
-            client.spin_until(lambda: player.published > published, 20.0, "the next message")
+            client.spin_until(lambda: player.published > published, "the next message")
         finally:
             over.set()
-            playing.join(timeout=20.0)
+            playing.join(timeout=HANG_S)
     assert player.published < len(list(SyntheticTrial().messages()))
 
 
@@ -136,7 +135,7 @@ def test_a_controller_sees_the_recorded_states_until_an_arm_comes(
     running.activate_controller()
     seen = running.listen(ControlState, topics.CONTROL_STATES)
     replay = replaying(bag, "--states-to-nodes", "--loop", "--rate", "0.5")
-    running.spin_until(lambda: len(seen) > 5, 40.0, "what the controller sees")
+    running.spin_until(lambda: len(seen) > 5, "what the controller sees")
     for state in seen:
         stamp_ns = state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec
         assert list(state.position_rad) == [0.25, stamp_ns / 2_000_000 / 1e4]

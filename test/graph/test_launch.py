@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from graph_harness import QUICK, ROOT
+from tel_process import QUICK, ROOT
 
 from tel_ros.recording.run_folder import read_summary
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-import pytest
-from graph_harness import PATIENT, Graph
+from graph_harness import Graph
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import GetState
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import TrialResult
+from tel_process import PATIENT
 
 from tel_ros.recording import topics
 
 StartGraph = Callable[..., Graph]
-pytestmark = pytest.mark.timeout(400)
 
 
 def state(running: Graph) -> int:
@@ -26,7 +25,7 @@ def state(running: Graph) -> int:
 def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: StartGraph) -> None:
     running = graph(["sim_bridge", "ep_controller"])
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
-    running.spin_until(running.trials.server_is_ready, 20.0, topics.EXECUTE_TRIAL)
+    running.spin_until(running.trials.server_is_ready, topics.EXECUTE_TRIAL)
 
     def refused(reason: str) -> None:
         result = running.result(running.send(running.goal()))
@@ -46,17 +45,17 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
     assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
     assert state(running) == State.PRIMARY_STATE_ACTIVE
     assert "deactivate is refused: a trial is under way" in running.log("ep_controller")
-    result = running.result(handle, 120.0)
+    result = running.result(handle)
     assert result.outcome == TrialResult.COMPLETED, result.message
 
     assert running.change_state(Transition.TRANSITION_DEACTIVATE)
-    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], "zero effort")
     assert state(running) == State.PRIMARY_STATE_INACTIVE
     commands.clear()
     refused("ep_controller is inactive; expected active")
     # And it can be used again.
     assert running.change_state(Transition.TRANSITION_ACTIVATE)
-    again = running.result(running.send(running.goal()), 120.0)
+    again = running.result(running.send(running.goal()))
     assert again.outcome == TrialResult.COMPLETED, again.message
 
 
@@ -66,9 +65,9 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     running.wait_for_controller()
     handle = running.start_moving()
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    result = running.result(handle, 120.0)
+    result = running.result(handle)
     assert result.outcome == TrialResult.CANCELLED
-    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], 10.0, "zero effort")
+    running.spin_until(lambda: list(commands[-1].data) == [0.0, 0.0], "zero effort")
     assert max(abs(v) for v in running.where_time_stands_still().velocity) < 0.1
     assert state(running) == State.PRIMARY_STATE_FINALIZED
     running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever
@@ -83,4 +82,4 @@ def test_what_is_asked_of_the_operating_system_is_asked_in_lockstep_too(graph: S
         )
 
     for name in running.processes.pids:
-        running.spin_until(lambda name=name: answered(name), 20.0, "what became of it")
+        running.spin_until(lambda name=name: answered(name), "what became of it")

@@ -7,14 +7,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-from graph_harness import QUICK, Graph, TelProcess, summary_of
+from graph_harness import Graph
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import Bool
 from tel_interfaces.msg import ControlState
 from tel_interfaces.srv import StartRecording
+from tel_process import HANG_S, QUICK, TelProcess, summary_of
 
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
@@ -22,14 +22,13 @@ from tel_ros.recording.run_folder import trial_bags
 from tel_ros.recording.trial_bag import read_topic, read_trial
 
 
-@pytest.mark.timeout(240)
 def test_two_arms_practise_side_by_side_in_two_namespaces(tel: Callable[..., TelProcess]) -> None:
     quick = (*QUICK, "practice.trials=2")
     runs = {
         side: tel(*quick, f"seed={seed}", name=side, more=("--namespace", side))
         for seed, side in enumerate(("left", "lab/right"))
     }
-    finished = {side: run.finish(200.0) for side, run in runs.items()}
+    finished = {side: run.finish() for side, run in runs.items()}
     for side, (code, out, err) in finished.items():
         assert code == 0, err
         assert summary_of(out)["outcome"] == "completed"
@@ -42,7 +41,6 @@ def test_two_arms_practise_side_by_side_in_two_namespaces(tel: Callable[..., Tel
             assert len(read_topic(bag, topics.JOINT_STATES)) > 100
 
 
-@pytest.mark.timeout(120)
 def test_a_renamed_controller_takes_its_own_names_along(graph: Callable[..., Graph], tmp_path: Path) -> None:
     """Whoever talks to it is told by remapping rules, as for any other node."""
     running = graph(["sim_bridge"])
@@ -60,11 +58,11 @@ def test_a_renamed_controller_takes_its_own_names_along(graph: Callable[..., Gra
         ready: list[Bool] = []
         running.node.create_subscription(Bool, "left_controller/ready", ready.append, qos.LATCHED)
         states = running.listen(ControlState, "left_controller/state")
-        running.spin_until(lambda: bool(ready) and ready[-1].data and bool(states), 20.0, "its topics")
+        running.spin_until(lambda: bool(ready) and ready[-1].data and bool(states), "its topics")
         start = StartRecording.Request(bag=str(tmp_path / "bag"), goal=running.goal())
         assert running.call(StartRecording, topics.START_RECORDING, start).success
     finally:
         for process in processes:
             process.terminate()
         for process in processes:
-            process.wait(10.0)
+            process.wait(HANG_S)

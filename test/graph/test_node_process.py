@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from graph_harness import PAPER, wait_until
+from tel_process import HANG_S, PAPER, wait_until
 
-pytestmark = pytest.mark.timeout(120)
 Start = Callable[..., subprocess.Popen[str]]
 MODULES = (
     "sim_bridge.node",
@@ -61,7 +60,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
     yield begin
     for process in running:
         process.kill()
-        process.wait(10.0)
+        process.wait(HANG_S)
 
 
 def test_without_the_clock_that_they_are_to_go_by_all_nodes_say_so_and_end_on_a_signal(
@@ -72,24 +71,24 @@ def test_without_the_clock_that_they_are_to_go_by_all_nodes_say_so_and_end_on_a_
     missing = "use_sim_time is true and nobody publishes /clock"
     for module in nodes:
         log = tmp_path / module
-        wait_until(lambda log=log: missing in log.read_text(), 60.0, module)
+        wait_until(lambda log=log: missing in log.read_text(), module)
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     for k, process in enumerate(nodes.values()):
         process.send_signal(numbers[k % 3])
     for module, process in nodes.items():
-        assert process.wait(20.0) == 0, (module, (tmp_path / module).read_text())
+        assert process.wait(HANG_S) == 0, (module, (tmp_path / module).read_text())
     assert "ended: the controller has not moved the arm" in (tmp_path / MODULES[1]).read_text()
 
 
 def test_a_node_that_the_middleware_does_not_let_go_ends_all_the_same(start: Start, tmp_path: Path) -> None:
     process = start("-c", STUCK, name="stuck")
-    wait_until(lambda: "nothing to guard" in (tmp_path / "stuck").read_text(), 30.0, "the guard")
+    wait_until(lambda: "nothing to guard" in (tmp_path / "stuck").read_text(), "the guard")
     time.sleep(0.5)
     process.send_signal(signal.SIGTERM)
     for _ in range(3):  # asking again is nothing that ends it: the arm may still be moving
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-    assert process.wait(30.0) == -signal.SIGALRM
+    assert process.wait(HANG_S) == -signal.SIGALRM
 
 
 def test_a_node_under_nohup_outlives_its_terminal(start: Start, tmp_path: Path) -> None:
@@ -104,7 +103,7 @@ def test_a_node_under_nohup_outlives_its_terminal(start: Start, tmp_path: Path) 
 
 def test_the_participant_is_gone_when_a_node_has_ended(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", PARTS], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", PARTS], cwd=tmp_path, capture_output=True, text=True, timeout=HANG_S
     )
     assert done.returncode == 0 and "python" in done.stdout
     assert "dds.ev" not in done.stdout  # its thread
@@ -127,7 +126,7 @@ def test_malformed_arguments_end_in_one_line_and_code_2(
 ) -> None:
     (tmp_path / "text.yaml").write_text("only words")
     command = [sys.executable, "-m", "tel_ros.nodes.arm_guard", *arguments]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=HANG_S)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert named in line

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 import rclpy
-from graph_harness import PAPER
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from tel_process import PAPER
 
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.nodes.arm_guard import ArmGuardNode

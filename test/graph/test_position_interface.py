@@ -7,10 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from graph_harness import COARSE, PATIENT, Graph, TelProcess, summary_of
+from graph_harness import Graph
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import TrialResult
+from tel_process import COARSE, PATIENT, TelProcess, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_ros.recording import topics
@@ -21,7 +22,6 @@ from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.waypoint_file import load_path
 
 POSITION = "arm.command_interface=position"
-pytestmark = pytest.mark.timeout(120)
 
 
 def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
@@ -59,13 +59,13 @@ def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero
     efforts = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
     handle = running.send(running.goal(6.0))
-    running.spin_until(lambda: len(commands) > 100, 20.0, "commands")
+    running.spin_until(lambda: len(commands) > 100, "commands")
     running.signal("sim_bridge", signal.SIGKILL)
     result = running.result(handle)
     assert result.outcome == TrialResult.ABORTED
     assert "(time-out 3.0 s)" in result.message
     assert "the drive holds its last set point" in running.log("ep_controller")
     running.processes.stop()
-    running.spin_until(lambda: running.node.count_publishers(topics.POSITION_COMMANDS) == 0, 20.0, "the end")
+    running.spin_until(lambda: running.node.count_publishers(topics.POSITION_COMMANDS) == 0, "the end")
     assert efforts == []
     assert [message for message in commands if not any(message.data)] == []

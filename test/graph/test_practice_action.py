@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_harness import QUICK, Graph
+from graph_harness import Graph
 from rclpy.action import ActionClient
 from tel_interfaces.action import Practice
+from tel_process import HANG_S, QUICK
 
 from tel_ros.recording import topics
 
 NODES = ["sim_bridge", "inverse_dynamics", "trial_recorder", "ep_controller"]
-pytestmark = pytest.mark.timeout(180)
 
 
 class Asked:
@@ -31,17 +31,17 @@ class Asked:
             self.manager = subprocess.Popen(command, stderr=said)
         self.client = ActionClient(running.node, Practice, topics.PRACTICE)
         running.meet("practice_manager")
-        running.spin_until(self.client.server_is_ready, 30.0, topics.PRACTICE)
+        running.spin_until(self.client.server_is_ready, topics.PRACTICE)
 
     def send(self, run_dir: str) -> Any:
         sent = self.client.send_goal_async(Practice.Goal(run_dir=run_dir))
-        self.running.spin_until(sent.done, 20.0, "the answer to the goal")
+        self.running.spin_until(sent.done, "the answer to the goal")
         return sent.result()
 
     def end(self) -> None:
         self.client.destroy()
         self.manager.terminate()
-        self.manager.wait(20.0)
+        self.manager.wait(HANG_S)
 
 
 @pytest.fixture
@@ -76,5 +76,5 @@ def test_a_client_that_is_gone_is_noticed_and_the_run_goes_on(asked: Asked, tmp_
         statuses = [status for array in arrays for status in array.status]
         return any(s.name == "practice_manager: practice" and "is gone" in s.message for s in statuses)
 
-    asked.running.spin_until(warned, 60.0, "the warning")
+    asked.running.spin_until(warned, "the warning")
     asked.client = ActionClient(asked.running.node, Practice, topics.PRACTICE)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from graph_harness import PAPER, QUICK, TelProcess, summary_of
 from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import String
+from tel_process import PAPER, QUICK, TelProcess, summary_of
 
 from tel_ros.core.errors import ConfigError, TelError
 from tel_ros.nodes import qos, robot_description
@@ -36,12 +36,11 @@ def described(domain: int) -> Iterator[str]:
     context.try_shutdown()
 
 
-@pytest.mark.timeout(150)
 def test_practice_takes_the_description_from_the_topic_and_stores_it_like_a_file(
     described: str, tel: Callable[..., TelProcess]
 ) -> None:
     run = tel(*QUICK, "practice.trials=1", NO_FILE, more=("--namespace", "left"))
-    code, out, err = run.finish(120.0)
+    code, out, err = run.finish()
     assert code == 0, err
     assert summary_of(out)["outcome"] == "completed"
     assert (run.folder / "robot_description.urdf").read_text() == described

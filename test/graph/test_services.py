@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
-from graph_harness import ROOT, Graph, wait_until
+from graph_harness import Graph
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from tel_interfaces.msg import ControlState
@@ -20,13 +19,13 @@ from tel_interfaces.srv import (
     StartRecording,
     TrainOnTrials,
 )
+from tel_process import ROOT, wait_until
 
 from tel_ros.nodes.conversions import desired_message
 from tel_ros.recording import topics
 from tel_ros.recording.network_file import load_network, save_network
 
 StartGraph = Callable[..., Graph]
-pytestmark = pytest.mark.timeout(60)
 
 SAMPLE_BAG = ROOT / "bags" / "sample_run" / "trial_001"
 
@@ -133,6 +132,6 @@ def test_a_recorder_overwrites_no_bag_and_leaves_none_under_the_trials_name_when
         states.publish(message)
     running.signal("trial_recorder", signal.SIGKILL)
     unfinished = bag.parent / ".unfinished" / bag.name
-    wait_until(unfinished.is_dir, 5.0, "the unfinished bag")
+    wait_until(unfinished.is_dir, "the unfinished bag")
     assert not bag.exists()
     assert not (unfinished / "metadata.yaml").exists()

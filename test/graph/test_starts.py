@@ -10,8 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from graph_harness import COARSE, PAPER, Graph
+from graph_harness import Graph
 from tel_interfaces.msg import TrialResult
+from tel_process import COARSE, PAPER
 
 from tel_ros.recording.config_file import load_config
 

@@ -13,17 +13,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
-from graph_harness import COARSE, PAPER, PATIENT, QUICK, ROOT, Graph, TelProcess, wait_until
+from graph_harness import Graph
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import ControlState, TrialResult
+from tel_process import COARSE, HANG_S, PAPER, PATIENT, QUICK, ROOT, TelProcess, wait_until
 
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.trial_bag import read_trial
 
-pytestmark = pytest.mark.timeout(200)
 REAL_TIME = ("sim.clock=realtime", "control.path_tolerance_rad=3.0", *PATIENT)
 LONG = (*QUICK, *REAL_TIME, "practice.trials=2", "practice.durations_s=[30.0, 30.0]")
 AT_REST = "interrupted: the arm is at rest, all nodes have ended"
@@ -31,7 +30,7 @@ AT_REST = "interrupted: the arm is at rest, all nodes have ended"
 
 def tel_command(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "tel_ros.app.cli", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=HANG_S)
 
 
 def test_tel_stop_brakes_the_arm_and_tel_reset_ends_the_stop_whatever_ros_time_does(
@@ -59,13 +58,13 @@ def test_tel_stop_brakes_the_arm_and_tel_reset_ends_the_stop_whatever_ros_time_d
         assert result.outcome == TrialResult.ABORTED and "emergency stop" in result.message
         braked = next(s for s in states if s.trial and s.phase == ControlState.STOP)
         assert np.abs(braked.velocity_rad_s).max() > 0.1
-        running.spin_until(lambda: tel_command("reset").returncode == 0, 20.0, "the reset")
+        running.spin_until(lambda: tel_command("reset").returncode == 0, "the reset")
 
         # The arm stops, and the clock with it: a watchdog that went by that clock would never bark.
         running.start_moving()
         running.signal("sim_bridge", signal.SIGSTOP)
         try:
-            running.spin_until(lambda: not np.any(commands[-1].data), 20.0, "zero effort")
+            running.spin_until(lambda: not np.any(commands[-1].data), "zero effort")
             assert re.search(
                 r"no joint state for \S+ s \(time-out 1.0 s\): zero eff", running.log("ep_controller")
             )
@@ -104,9 +103,9 @@ def test_a_terminal_that_is_closed_ends_the_run_in_good_order(tmp_path: Path) ->
     os.close(theirs)
     log = folder / "log" / "ep_controller.log"
     try:
-        wait_until(lambda: log.exists() and "trial 1: " in log.read_text(), 60.0, "the trial")
+        wait_until(lambda: log.exists() and "trial 1: " in log.read_text(), "the trial")
         os.close(ours)
-        assert run.wait(30.0) == 130
+        assert run.wait(HANG_S) == 130
     finally:
         run.kill()
     said = log.read_text()
