@@ -26,11 +26,12 @@ PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
 """A machine that stands still for a second does not end a trial: time-outs are tested on their own."""
 COARSE = ("control.rate_hz=200", "control.settle_time_s=0.2")
 """Ticks cost the tests most, next to starting processes; at 500 Hz there are more, and nothing else."""
+COARSEST = ("control.rate_hz=100", "control.settle_time_s=0.2")
 HANG_S = 180.0
 """What has not come by then does not come. Nothing that works takes so long, on a busy machine either."""
 QUICK = (
     *("practice.trials=3", "practice.first_duration_s=4.0", "practice.goal_duration_s=3.0"),
-    *("control.approach_speed_rad_s=1.5", *COARSE, *PATIENT),
+    *("control.approach_speed_rad_s=1.5", *COARSEST, *PATIENT),
 )
 """A practice run of a few seconds."""
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tel_process import COARSE, ROOT, StartTel, summary_of
+import numpy as np
+from tel_process import COARSEST, ROOT, StartTel, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.run_theory import run_theory
@@ -15,13 +16,14 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, new_network
 from tel_ros.recording.resumption import earlier_trials
 from tel_ros.recording.run_folder import json_ready, network_after
+from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.waypoint_file import load_path
 
 PLANAR, FASTEST = ROOT / "config" / "planar_arm.yaml", ROOT / "config" / "fastest.yaml"
 TOO_FAST_AT_ONCE = (
     "practice.strategy=adaptive_extension",
     *("practice.first_duration_s=9.0", "practice.goal_duration_s=3.0", "practice.step_tolerance_rad=0.9"),
-    *("practice.trials=4", "control.path_tolerance_rad=0.285", *COARSE),
+    *("practice.trials=4", "control.path_tolerance_rad=0.285", *COARSEST),
     *("learning.weights=lms", "learning.rate=0.003", "learning.passes=1"),
 )
 """Next to nothing is learned. So the second trial exceeds the path tolerance, and the run goes back to the
@@ -41,6 +43,9 @@ def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: StartTe
     rows = summary["trials"]
     assert [row["outcome"] for row in rows] == ["completed", "aborted", "completed", "completed"]
     assert rows[2]["went_back_to"] == 1
+    assert "off its desired position (path tolerance 0.285 rad)" in rows[1]["message"]
+    aborted = read_trial(run.folder / rows[1]["bag"])  # whole as well
+    assert np.abs(aborted.velocity_rad_s[-1]).max() < 0.1  # and its end shows the arm at rest
     assert [row["reason"] for row in rows] == [practised.plan.reason for practised in offline]
     for key in ("alpha", "duration_s", "rms_error_rad", "max_error_rad", "ticks"):
         assert [row[key] for row in rows] == [getattr(done.trial.report, key) for done in offline], key

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 from tel_interfaces.msg import ControlState, TrialResult
-from tel_process import PATIENT, QUICK, TelProcess, summary_of
+from tel_process import PATIENT
 
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
@@ -80,23 +80,6 @@ def test_an_arm_that_is_to_be_held_at_the_end_is_held_after_a_stop_and_after_the
     running.signal("ep_controller", signal.SIGTERM)
     running.spin_until(has_ended, "the controller's end")
     assert np.any(commands[-1].data)
-
-
-def test_a_practice_run_ends_at_an_emergency_stop_although_its_strategy_goes_on_after_aborts(
-    tel: Callable[..., TelProcess], graph: StartGraph
-) -> None:
-    run = tel(*QUICK, "practice.strategy=adaptive_extension", "practice.first_duration_s=60.0")
-    person = graph([])
-    person.client(Trigger, topics.SAFETY_STOP)
-    run.wait_until_moving(trial=1)
-    assert trigger(person, topics.SAFETY_STOP).success
-    code, out, err = run.finish()
-    assert code == 1
-    assert "emergency stop: as long as ep_controller runs on, nothing moves" in err
-    summary = summary_of(out)
-    assert summary["outcome"] == "aborted"
-    assert summary["trials"][-1]["outcome"] == "aborted"
-    assert "emergency stop (/safety/stop)" in summary["trials"][-1]["message"]
 
 
 @pytest.mark.realtime

@@ -1,4 +1,4 @@
-"""What the live view hears of a graph and asks of it: of one made-up node, and of a run."""
+"""What the live view hears of a graph and asks of it; the graph is one made-up node."""
 
 from __future__ import annotations
 
@@ -8,26 +8,21 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
 from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
-from graph_harness import Graph
-from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
-from tel_interfaces.action import Practice
 from tel_interfaces.msg import ControlState
-from tel_process import PAPER, QUICK, TelProcess, summary_of, wait_until
+from tel_process import PAPER, wait_until
 
-from tel_ros.app.bring_up import MODULES
 from tel_ros.app.view.graph import GraphView
 from tel_ros.core.trial import Phase
 from tel_ros.nodes import qos
@@ -175,55 +170,6 @@ def test_the_view_samples_the_newest_states_and_has_no_publisher_of_its_own(made
     assert view.arm_age_s < 60.0
     own = {topic for topic, _ in made_up.node.get_publisher_names_and_types_by_node("eyes", "/")}
     assert own <= {"/rosout", "/parameter_events"}
-
-
-def test_a_pause_holds_the_run_before_its_next_trial_until_it_is_taken_back(
-    graph: Callable[..., Graph], tmp_path: Path
-) -> None:
-    person, goals, stages, told = graph([*MODULES], *QUICK), [], [], []
-
-    def hear(message: Any) -> None:
-        stages.append((message.feedback.trial, message.feedback.stage))
-        told.extend(result.index for result in message.feedback.last)
-
-    def pause(wanted: bool) -> None:
-        assert person.call(SetBool, topics.PAUSE, SetBool.Request(data=wanted)).success
-
-    client = ActionClient(person.node, Practice, topics.PRACTICE)
-    person.spin_until(client.server_is_ready, topics.PRACTICE)
-    pause(True)
-    sent = client.send_goal_async(Practice.Goal(run_dir=str(tmp_path / "run")), hear)
-    person.spin_until(lambda: bool(stages), "the run")
-    assert stages[-1] == (0, "paused")  # also a run that comes after it
-    for _ in range(2):
-        pause(False)
-        person.spin_until(lambda: stages[-1][1] != "paused", "the next trial")
-        pause(True)
-        person.spin_until(lambda: stages[-1][1] == "paused", "the pause")
-        assert f"trial {stages[-1][0] + 1}: " not in person.log("ep_controller")
-    # A run that waits can be ended, as the page's button does it.
-    view = GraphView(person.node, load_config(PAPER), goals.append, lambda feedback: None)
-    person.meet("practice_manager")
-    person.spin_until(lambda: bool(goals) and view.paused, "what the view listens to")
-    view.end_run()
-    person.spin_until(lambda: view.look_at_arm() or bool(view.answer), "the answer")
-    assert view.answer == "stop: the run is ending"
-    result = person.result_of(sent.result())
-    client.destroy()
-    assert result.outcome == "cancelled"
-    assert told == [trial.index for trial in result.trials]  # each once, pauses or not
-
-
-def test_a_run_goes_on_without_its_view(tel: Callable[..., TelProcess]) -> None:
-    pytest.importorskip("viser", reason="needs the extra view")
-    run = tel("practice.trials=1", *QUICK[1:], more=("--view",))
-    wait_until(lambda: "main" in run.nodes(), "the view")
-    view = run.nodes()["main"]
-    wait_until(lambda: view.nice() >= 10, "a view that lets the others go first")
-    view.send_signal(signal.SIGKILL)
-    _, out, err = run.finish()
-    assert [trial["outcome"] for trial in summary_of(out)["trials"]] == ["completed"], err
-    assert run.left_behind() == []
 
 
 def test_a_view_whose_terminal_is_closed_ends_and_leaves_nothing(tmp_path: Path) -> None:

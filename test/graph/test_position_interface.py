@@ -11,7 +11,7 @@ from graph_harness import Graph
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import Float64MultiArray
 from tel_interfaces.msg import TrialResult
-from tel_process import COARSE, PATIENT, TelProcess, summary_of
+from tel_process import QUICK, TelProcess, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_ros.recording import topics
@@ -27,8 +27,7 @@ POSITION = "arm.command_interface=position"
 def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
     tel: Callable[..., TelProcess],
 ) -> None:
-    quick = ("practice.trials=1", "practice.first_duration_s=4.0", "practice.goal_duration_s=4.0")
-    run = tel(POSITION, *quick, "control.approach_speed_rad_s=1.5", *COARSE, *PATIENT)
+    run = tel(*QUICK, POSITION, "practice.trials=1", "practice.goal_duration_s=4.0")
     code, out, err = run.finish()
     assert code == 0, err
     config = load_config(run.folder / CONFIG_FILE)

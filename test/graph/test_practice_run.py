@@ -215,7 +215,7 @@ def test_an_external_arm_that_is_not_there_is_reported_and_nothing_simulated_sta
     assert code == 3
     assert "the arm is not there" in err and "/joint_states" in err
     assert "sim_bridge" not in names
-    assert not [p for p in psutil.process_iter(["cmdline"]) if str(run.folder) in str(p.info["cmdline"])]
+    assert run.left_behind() == []
 
 
 def test_a_value_that_only_a_node_can_refuse_is_bad_input_as_well(graph: StartGraph) -> None:
