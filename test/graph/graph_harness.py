@@ -216,6 +216,16 @@ class Graph:
         finally:
             self.node.destroy_subscription(listener)
 
+    @contextmanager
+    def nothing_left(self) -> Iterator[None]:
+        """Take back what is made on the client's node meanwhile: others use this graph as well."""
+        subscriptions, publishers = set(self.node.subscriptions), set(self.node.publishers)
+        yield
+        for subscription in set(self.node.subscriptions) - subscriptions:
+            self.node.destroy_subscription(subscription)
+        for publisher in set(self.node.publishers) - publishers:
+            self.node.destroy_publisher(publisher)
+
     def where_time_stands_still(self) -> JointState:
         """Return the state that the simulated arm was left in: in lockstep it waits there for an answer."""
         arm = self.listen(JointState, topics.JOINT_STATES, depth=1)

@@ -22,8 +22,10 @@ def state(running: Graph) -> int:
     return int(answer.current_state.id)
 
 
-def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: StartGraph) -> None:
-    running = graph(["sim_bridge", "ep_controller"])
+def test_nothing_is_commanded_before_the_controller_is_active_nor_after_and_a_shutdown_brakes_first(
+    graph: StartGraph,
+) -> None:
+    running = graph(["sim_bridge", "ep_controller"], *PATIENT, "control.lock_memory=true")
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.spin_until(running.trials.server_is_ready, topics.EXECUTE_TRIAL)
 
@@ -58,11 +60,6 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after(graph: S
     again = running.result(running.send(running.goal()))
     assert again.outcome == TrialResult.COMPLETED, again.message
 
-
-def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None:
-    running = graph(["sim_bridge", "ep_controller"], *PATIENT)
-    commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
-    running.wait_for_controller()
     handle = running.start_moving()
     assert running.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     result = running.result(handle)
@@ -72,14 +69,7 @@ def test_a_shutdown_brings_a_moving_arm_to_rest_first(graph: StartGraph) -> None
     assert state(running) == State.PRIMARY_STATE_FINALIZED
     running.signal("ep_controller", signal.SIGINT)  # the process is still there, and ends as ever
 
-
-def test_what_is_asked_of_the_operating_system_is_asked_in_lockstep_too(graph: StartGraph) -> None:
-    running = graph(["sim_bridge", "ep_controller"], "control.lock_memory=true")
-
-    def answered(name: str) -> bool:
-        return any(
-            words in running.log(name) for words in ("memory is locked", "control.lock_memory refused")
-        )
-
+    # Whatever is asked of the operating system is asked in lockstep, too.
     for name in running.processes.pids:
-        running.spin_until(lambda name=name: answered(name), "what became of it")
+        said = running.log(name)
+        assert "memory is locked" in said or "control.lock_memory refused" in said, name
