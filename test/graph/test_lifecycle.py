@@ -44,7 +44,8 @@ def test_nothing_is_commanded_before_the_controller_is_active_nor_after_and_a_sh
     assert commands == []  # active, and nobody has asked for a trial
 
     handle = running.start_moving()
-    assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
+    with running.time_stopped_in_motion():  # so the trial is not over before
+        assert not running.change_state(Transition.TRANSITION_DEACTIVATE)
     assert state(running) == State.PRIMARY_STATE_ACTIVE
     assert "deactivate is refused: a trial is under way" in running.log("ep_controller")
     result = running.result(handle)

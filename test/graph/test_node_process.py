@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -10,7 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from rclpy.context import Context
 from tel_process import HANG_S, PAPER, wait_until
+
+from tel_ros.core.errors import TelError
+from tel_ros.nodes.runner import start_ros
 
 Start = Callable[..., subprocess.Popen[str]]
 MODULES = (
@@ -73,9 +78,8 @@ def test_without_the_clock_that_they_are_to_go_by_all_nodes_say_so_and_end_on_a_
         log = tmp_path / module
         wait_until(lambda log=log: missing in log.read_text(), module)
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    for k, process in enumerate(nodes.values()):
+    for k, (module, process) in enumerate(nodes.items()):  # in turn: each has its time for it
         process.send_signal(numbers[k % 3])
-    for module, process in nodes.items():
         assert process.wait(HANG_S) == 0, (module, (tmp_path / module).read_text())
     assert "ended: the controller has not moved the arm" in (tmp_path / MODULES[1]).read_text()
 
@@ -114,18 +118,26 @@ def test_the_participant_is_gone_when_a_node_has_ended(tmp_path: Path) -> None:
     [
         (("--ros-args", "-p", "foo"), "'-p foo'"),
         (("--ros-args", "-p", "control.rate_hz:=[1, foo"), "'-p control.rate_hz:=[1, foo'"),
-        (("--ros-args", "-p", "use_sim_time:=often"), "use_sim_time"),
         (("--ros-args", "--params-file", "nowhere.yaml"), "nowhere.yaml: there is no such file"),
         (("--ros-args", "--params-file", "text.yaml"), "text.yaml: holds 'only words'"),
         (("--ros-args", "--nonsense"), "--nonsense"),
         (("-p", "control.rate_hz:=500.0"), "'-p control.rate_hz:=500.0' is no argument"),
     ],
 )
-def test_malformed_arguments_end_in_one_line_and_code_2(
-    tmp_path: Path, arguments: tuple[str, ...], named: str
+def test_malformed_arguments_are_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], named: str
 ) -> None:
-    (tmp_path / "text.yaml").write_text("only words")
-    command = [sys.executable, "-m", "tel_ros.nodes.arm_guard", *arguments]
+    monkeypatch.chdir(tmp_path)
+    Path("text.yaml").write_text("only words")
+    context = Context()
+    with pytest.raises(TelError, match=re.escape(named)):
+        start_ros(["arm_guard", *arguments], context)
+    assert not context.ok()
+
+
+@pytest.mark.parametrize(("value", "named"), [("foo", "'-p foo'"), ("use_sim_time:=often", "use_sim_time")])
+def test_malformed_arguments_end_in_one_line_and_code_2(tmp_path: Path, value: str, named: str) -> None:
+    command = [sys.executable, "-m", "tel_ros.nodes.arm_guard", "--ros-args", "-p", value]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=HANG_S)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

@@ -6,7 +6,6 @@ import signal
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from graph_harness import Graph
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import Float64MultiArray
@@ -46,14 +45,11 @@ def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
         np.testing.assert_array_equal(sent, trial.equilibrium_rad)
 
 
-@pytest.mark.realtime
 def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero_is_a_posture(
     graph: Callable[..., Graph],
 ) -> None:
     start = "sim.initial_position_rad=[0.6, 1.2]"
-    running = graph(
-        ["sim_bridge", "ep_controller"], POSITION, start, "sim.clock=realtime", "control.state_timeout_s=3.0"
-    )
+    running = graph(["sim_bridge", "ep_controller"], POSITION, start, "control.state_timeout_s=3.0")
     commands = running.listen(Float64MultiArray, topics.POSITION_COMMANDS, depth=20_000)
     efforts = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
