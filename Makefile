@@ -45,15 +45,18 @@ demo: setup  ## the simulated arm practises until it is fast, then as fast as it
 	@echo "As fast as the arm can:"
 	$(VENV)/bin/tel practice config/fastest.yaml
 
-# Every stage runs, whatever fails before it, and the end says what failed. Tests marked `realtime` measure it:
-# they run last and alone, and one that fails is run once more, which the closing line counts.
+# Every stage runs, whatever fails before it, and the end says what failed. Graphs wait for each other's messages
+# now and then: three at a time keep two cores busy, and files stay together because their tests share graphs.
+# Tests marked `realtime`, all of them in these two folders, measure it: they run last and alone, and one that fails
+# is run once more, which the closing line counts.
 test: setup  ## all tests
 	@failed=(); \
 	stage() { echo "== $$1"; $(VENV)/bin/python -m pytest "$${@:2}" || failed+=("$$1"); }; \
 	stage "without a graph" --cache-clear -n 2 --dist worksteal -m "not realtime" --ignore=test/graph \
-		--ignore=test/faults/test_campaign.py; \
-	stage "graphs of nodes" -n 2 --dist worksteal -m "not realtime" test/graph test/faults/test_campaign.py; \
-	stage "in real time" -m realtime --reruns 1 -r fER; \
+		--ignore=test/contract --ignore=test/faults/test_campaign.py; \
+	stage "graphs of nodes" -n 3 --dist loadfile --no-loadscope-reorder -m "not realtime" \
+		test/faults/test_campaign.py test/graph test/contract; \
+	stage "in real time" -m realtime --reruns 1 -r fER test/graph test/contract; \
 	if (( $${#failed[@]} )); then \
 		printf 'FAILED: tests %s\n' "$${failed[@]}"; \
 		$(VENV)/bin/python -c 'import json; print(*json.load(open(".pytest_cache/v/cache/lastfailed")), sep="\n")'; \

@@ -49,7 +49,7 @@ def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero
     graph: Callable[..., Graph],
 ) -> None:
     start = "sim.initial_position_rad=[0.6, 1.2]"
-    running = graph(["sim_bridge", "ep_controller"], POSITION, start, "control.state_timeout_s=3.0")
+    running = graph(["sim_bridge", "ep_controller"], POSITION, start, "sim.lockstep_timeout_s=4.0")
     commands = running.listen(Float64MultiArray, topics.POSITION_COMMANDS, depth=20_000)
     efforts = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS)
     running.wait_for_controller()
@@ -58,7 +58,7 @@ def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero
     running.signal("sim_bridge", signal.SIGKILL)
     result = running.result(handle)
     assert result.outcome == TrialResult.ABORTED
-    assert "(time-out 3.0 s)" in result.message
+    assert "(time-out 4.0 s)" in result.message
     assert "the drive holds its last set point" in running.log("ep_controller")
     running.processes.stop()
     running.spin_until(lambda: running.node.count_publishers(topics.POSITION_COMMANDS) == 0, "the end")
