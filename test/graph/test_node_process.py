@@ -97,12 +97,12 @@ def test_a_node_that_the_middleware_does_not_let_go_ends_all_the_same(start: Sta
 
 def test_a_node_under_nohup_outlives_its_terminal(start: Start, tmp_path: Path) -> None:
     process = start("-c", UNDER_NOHUP, name="guard")
-    wait_until(lambda: "nothing to guard" in (tmp_path / "guard").read_text(), 30.0, "the guard")
+    wait_until(lambda: "nothing to guard" in (tmp_path / "guard").read_text(), "the guard")
     process.send_signal(signal.SIGHUP)
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(1.0)
     process.send_signal(signal.SIGTERM)
-    assert process.wait(30.0) == 0
+    assert process.wait(HANG_S) == 0
 
 
 def test_the_participant_is_gone_when_a_node_has_ended(tmp_path: Path) -> None:
