@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from tel_process import COARSEST, ROOT, StartTel, summary_of
+from tel_process import COARSE, COARSEST, ROOT, StartTel, summary_of
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.theory.run_theory import run_theory
@@ -66,8 +66,7 @@ def test_decisions_and_trials_are_those_of_the_same_run_without_ros(tel: StartTe
     assert all(0.0 < estimate.k_r < 1.0 for estimate in theory.estimates)
 
 
-@pytest.mark.timeout(150)
-def test_the_fastest_movement_is_that_of_the_same_run_without_ros(tel: Callable[..., TelProcess]) -> None:
+def test_the_fastest_movement_is_that_of_the_same_run_without_ros(tel: StartTel) -> None:
     quick = ("practice.first_duration_s=6.0", *COARSE)
     run = tel(*quick, config=FASTEST)
     config = load_config(FASTEST, quick)
