@@ -21,7 +21,7 @@ _MOST_OUTPUTS = 12_000
 """Samples times joints that are remembered."""
 _TESTED = 200
 """About so many samples of a trial are predicted with their variance, which costs much more."""
-_LEAST_SCALE = 2.0
+_LEAST_SCALE = 4.0
 """Of the variance: errors of neighbours are more alike than those of white noise, for which it would be 1."""
 _HARDLY = 1e-6
 """Weight of samples that are to be done without."""

@@ -124,6 +124,15 @@ def test_a_learner_of_another_package_runs_and_comes_back_from_its_file(
     assert type(load_network(tmp_path / "network.npz")) is TheirLearner
 
 
+def test_the_fastest_movement_needs_a_learner_that_knows_what_speed_costs(config: Config) -> None:
+    practice = dataclasses.replace(config.practice, strategy="adaptive_extension", goal="fastest")
+    fastest = dataclasses.replace(config, practice=practice)
+    for name in ("lms_tree", "rigid_body+lms_tree"):
+        with pytest.raises(ConfigError, match="expected polynomial or rigid_body, because .*fastest"):
+            new_network(with_learning(fastest, name=name))
+    assert new_network(with_learning(fastest, name="polynomial")).trials_learned == 0
+
+
 def test_an_unknown_name_is_refused_with_those_that_there_are(installed: Callable[..., None]) -> None:
     installed(theirs="their_package:Kind")
     expected = refusal("lms_trees").expected
