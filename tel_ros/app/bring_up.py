@@ -74,7 +74,7 @@ def _preload(name: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", MODULES[name], PRELOADED],
         stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C reaches the supervisor only, which ends the nodes in order
         preexec_fn=partial(die_with_parent, os.getpid()),
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
@@ -120,7 +120,13 @@ class NodeProcesses:
         try:
             for name in self._names:
                 self._processes[name] = self._start(name)
+            for process in self._processes.values():
+                assert process.stdout is not None
+                with process.stdout as ready:
+                    ready.read(1)  # for as long as it takes: compiled code may have to be compiled first
         except BaseException:
+            for process in self._processes.values():  # nothing has begun, and imports have no order
+                process.kill()
             self.stop()
             raise
         return self

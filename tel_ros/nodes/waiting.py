@@ -16,7 +16,7 @@ from rclpy.task import Future
 
 from tel_ros.core.errors import TelError, look_alikes
 
-AGAIN_S = 0.5
+AGAIN_S = 0.2
 """When to ask a node again that has not answered yet."""
 ASK_PERIOD_S = 2.0
 _POLL_PERIOD_S = 0.1

@@ -33,13 +33,13 @@ def node(arguments: list[str], told: bytes = b"") -> str:
 
 def test_a_preloaded_node_runs_as_it_is_told_and_writes_to_its_log(tmp_path: Path) -> None:
     log = tmp_path / "node.log"
-    assert node([PRELOADED], order(["-p", "a b"], log)) == ""
+    assert node([PRELOADED], order(["-p", "a b"], log)) == "\n"
     assert log.read_text() == "as -p a b ''\nwords of a library\n"
     assert node(["-p", "a b"], b"input") == "as -p a b 'input'\n"
 
 
 def test_a_preloaded_node_that_nobody_needs_ends_without_a_word() -> None:
-    assert node([PRELOADED]) == ""
+    assert node([PRELOADED]) == "\n"
     with preloading(["arm_guard", "ep_controller"]) as waiting:
         processes = list(waiting.values())
         assert all(process.poll() is None for process in processes)
