@@ -165,11 +165,14 @@ def learner_context(config: Config) -> LearnerContext:
 
 def new_network(config: Config) -> Learner:
     """Return the learner that a configuration asks for: an untrained one, or that of an earlier run."""
-    if config.practice.is_fastest:
-        require_extrapolating(config.learning.name)
     if config.learning.start_from:
-        return _earlier(config)
+        learner = _earlier(config)
+        if config.practice.is_fastest:
+            require_extrapolating(learner.context.learning.name)
+        return learner
     try:
+        if config.practice.is_fastest:
+            require_extrapolating(config.learning.name)
         return learner_kind(config.learning.name).new(learner_context(config))
     except ConfigError as error:
         raise error if error.key.startswith("learning.") else error.inside("learning") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
@@ -21,10 +22,12 @@ from every_learner import (
     trials,
 )
 
-from tel_ros.core.errors import NetworkFileError, TrainingError  # noqa: E402
+from tel_ros.core.errors import ConfigError, NetworkFileError, TrainingError  # noqa: E402
 from tel_ros.core.learning.learner import Learner, LearnerContext, StoredLearner  # noqa: E402
 from tel_ros.core.learning.registry import learner_kind  # noqa: E402
-from tel_ros.recording.network_file import load_network, save_network  # noqa: E402
+from tel_ros.recording.config_file import load_config
+from tel_ros.recording.network_file import load_network, new_network, save_network  # noqa: E402
+from tel_ros.recording.shared_files import named_config  # noqa: E402
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,3 +176,13 @@ def test_finite_samples_whose_errors_have_no_finite_size_are_refused(
     samples.offset_rad[3] = absurd
     with np.errstate(all="ignore"), pytest.raises(TrainingError, match="finite"):
         new(options).trained_on(samples, "actual")
+
+
+@pytest.mark.parametrize("name", ["lms_tree", "rigid_body+lms_tree"])
+def test_the_fastest_movement_is_not_asked_of_a_learner_that_knows_only_speeds_it_has_seen(name: str) -> None:
+    overrides = [f"learning.name={name}", "practice.goal=fastest", "practice.strategy=adaptive_extension"]
+    config = load_config(named_config("planar_arm"), overrides)
+    with pytest.raises(
+        ConfigError, match=f"learning.name is '{re.escape(name)}'; expected polynomial or rigid_body"
+    ):
+        new_network(config)
