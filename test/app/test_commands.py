@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import metadata
@@ -151,7 +149,6 @@ def test_the_shell_gets_a_completion_script(shell: str) -> None:
     assert "_TEL_COMPLETE" in complete(f"{shell}_source")
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("typed", "offered"),
     [
@@ -166,12 +163,7 @@ def test_commands_and_shipped_names_are_completed(typed: str, offered: str) -> N
 
 
 def complete(instruction: str, **words: str) -> str:
-    environment = {**os.environ, "_TEL_COMPLETE": instruction, **words}
-    program = "from tel_ros.app.cli import main; main(prog_name='tel')"
-    run = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=250
-    )
-    return run.stdout
+    return CliRunner(env={"_TEL_COMPLETE": instruction, **words}).invoke(main, prog_name="tel").stdout
 
 
 @pytest.fixture
