@@ -81,7 +81,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             min(own, limit.effort_nm)
             for own, limit in zip(arm.effort_limit_nm, description.limits, strict=True)
         )
-        stops_rad = description.stops_rad(arm)
+        stops_rad = low_rad, high_rad = description.stops_rad(arm)
         self._range_rad = tuple(zip(*stops_rad, strict=True))
         substeps = sim.physics_rate_hz / rate_hz
         if not (substeps >= 1.0 and abs(substeps - round(substeps)) < 1e-9):
@@ -102,7 +102,10 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
             raise ConfigError("sim.command_delay_s", sim.command_delay_s, expected)
         self._on_the_way = deque([self._zero] * round(delay))
         self._sensors = JointSensors(len(arm.joints), sim, period_s=1.0 / rate_hz, seed=seed)
-        start_rad = self._per_joint(sim, "initial_position_rad") or _middle(arm, *stops_rad)
+        ends = zip(arm.position_min_rad or low_rad, arm.position_max_rad or high_rad, strict=True)
+        # A joint without limits starts at zero.
+        middle = tuple(0.5 * (a + b) if math.isfinite(a) and math.isfinite(b) else 0.0 for a, b in ends)
+        start_rad = self._per_joint(sim, "initial_position_rad") or middle
         self._check_position("sim.initial_position_rad", start_rad)
         self._physics = ArmPhysics(
             description,
@@ -225,9 +228,3 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
                 for name, (low, high) in zip(self.joint_names, self._range_rad, strict=True)
             )
             raise ConfigError(key, list(position_rad), f"one value in rad a joint, within {ranges}")
-
-
-def _middle(arm: ArmConfig, low_rad: JointValues, high_rad: JointValues) -> JointValues:
-    ends = zip(arm.position_min_rad or low_rad, arm.position_max_rad or high_rad, strict=True)
-    # A joint without limits starts at zero.
-    return tuple(0.5 * (a + b) if math.isfinite(a) and math.isfinite(b) else 0.0 for a, b in ends)

@@ -91,11 +91,9 @@ class SimBridgeNode(Node):
         self._commanded_at = 0.0
         self._coasting = False
         self._stillness = Stillness(config.control)
-        self._on_silence = (
-            "effort is zero, the arm coasts"
-            if config.arm.command_interface == "effort"
-            else "the drives hold the last set point"
-        )
+        self._on_silence = "effort is zero, the arm coasts"
+        if config.arm.command_interface == "position":
+            self._on_silence = "the drives hold the last set point"
 
         self._states = self.create_publisher(JointState, topics.JOINT_STATES, qos.STREAM)
         self._clock_pub, self._clock_due_ns = None, 0
@@ -207,8 +205,7 @@ class SimBridgeNode(Node):
         if self._silent_periods >= self._watchdog_periods:
             self._fall_silent(self._sim.watchdog_s)
             self._command = None
-            self._arm.coast()
-            return
+            return self._arm.coast()
         try:
             self._arm.step(self._command)
         except CommandError as error:

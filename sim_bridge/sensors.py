@@ -30,11 +30,8 @@ class JointSensors:
         self._exact = sim.encoder_bits == 0 and sim.position_noise_rad == 0.0
         # The share of the newest difference in the estimate: the first-order low-pass solved exactly for an
         # input that is constant over a period, so that it is stable for every corner frequency.
-        self._newest_share = (
-            1.0 - math.exp(-2.0 * math.pi * sim.velocity_filter_hz * period_s)
-            if sim.velocity_filter_hz
-            else 1.0
-        )
+        cutoff_hz = sim.velocity_filter_hz or math.inf
+        self._newest_share = 1.0 - math.exp(-2.0 * math.pi * cutoff_hz * period_s)
         self._rng = np.random.default_rng(seed)
         self.position_rad: JointValues = (0.0,) * n_joints
         self.velocity_rad_s: JointValues = (0.0,) * n_joints

@@ -111,9 +111,8 @@ class ArmDescription:
         clipped behind the controller's back, and learned from as if it had acted.
         """
         for name, limit in zip(self.joints, self.limits, strict=True):
-            missing = (
-                {"velocity_limit_rad_s": "no velocity limit"} if limit.velocity_rad_s == math.inf else {}
-            )
+            no_limit = limit.velocity_rad_s == math.inf
+            missing = {"velocity_limit_rad_s": "no velocity limit"} if no_limit else {}
             if limit.range_rad is None:
                 found = self.urdf.joints[name].element.find("limit")
                 ends = "" if found is None else f" ({found.get('lower', 0)} to {found.get('upper', 0)})"

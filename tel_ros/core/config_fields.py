@@ -36,11 +36,8 @@ class Range:
 
     def holds(self, value: float) -> bool:
         """Whether a number is in the range; NaN and infinity never are."""
-        return (
-            (value > self.low if self.above else value >= self.low)
-            and value <= self.high
-            and abs(value) < math.inf
-        )
+        above = value > self.low if self.above else value >= self.low
+        return above and value <= self.high and abs(value) < math.inf
 
     def text(self, number: str) -> str:
         """Say it for a ``number``, ``whole number`` or ``numbers``: ``a finite number above 0``."""

@@ -36,11 +36,6 @@ class Inertial(NamedTuple):
     moments_kgm2: tuple[float, ...] = (0.0,) * len(_MOMENTS)
 
     @property
-    def is_nothing(self) -> bool:
-        """Whether there is neither mass nor inertia."""
-        return not (self.mass_kg or any(self.moments_kgm2))
-
-    @property
     def tensor_kgm2(self) -> FloatArray:
         """The moments as a matrix, shape (3, 3)."""
         xx, xy, xz, yy, yz, zz = self.moments_kgm2
@@ -148,7 +143,11 @@ def _needed(arm: ArmDescription, hand_link: str) -> set[str]:
     # PyBullet does not tell the state of joints beyond its 127th: leave out frames on which nothing depends.
     for link in kept[::-1] if len(kept) > MOST_LINKS else ():
         carries = any(joint.child in kept for joint in urdf.carried[link])
-        if not carries and link not in ends and inertial(urdf, link).is_nothing:
+        if (
+            not carries
+            and link not in ends
+            and not any((inertial(urdf, link).mass_kg, *inertial(urdf, link).moments_kgm2))
+        ):
             kept.remove(link)
     return set(kept)
 

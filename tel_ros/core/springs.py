@@ -46,9 +46,7 @@ class Springs:
 
     def equal(self, other: Springs) -> bool:
         """Return whether K and B are the same to the last bit."""
-        return np.array_equal(self.stiffness_nm_per_rad, other.stiffness_nm_per_rad) and np.array_equal(
-            self.damping_nms_per_rad, other.damping_nms_per_rad
-        )
+        return all(np.array_equal(value, getattr(other, name)) for name, value in vars(self).items())
 
     def scaled(self, factor: float) -> Springs:
         """Return springs with ``factor`` times K. B goes with its root, which keeps the damping ratio."""
@@ -67,21 +65,17 @@ class Springs:
         ):
             low, high = reference / factor, reference * factor
             # The margin is for rounding: the bound itself may be asked for.
-            if found.shape != reference.shape or not np.all(
-                (found >= low * (1.0 - 1e-9)) & (found <= high * (1.0 + 1e-9))
-            ):
-                raise TrajectoryError(
-                    f"{name} is {found.tolist()} {unit}; expected {low.tolist()} to {high.tolist()}"
-                )
+            least, most = low * (1.0 - 1e-9), high * (1.0 + 1e-9)
+            if found.shape != reference.shape or not np.all((found >= least) & (found <= most)):
+                expected = f"expected {low.tolist()} to {high.tolist()}"
+                raise TrajectoryError(f"{name} is {found.tolist()} {unit}; {expected}")
 
     def effort(
         self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
         """Return the effort in N·m."""
-        return (
-            self.stiffness_nm_per_rad * (equilibrium_rad - position_rad)
-            - self.damping_nms_per_rad * velocity_rad_s
-        )
+        k, b = self.stiffness_nm_per_rad, self.damping_nms_per_rad
+        return k * (equilibrium_rad - position_rad) - b * velocity_rad_s
 
     def pull(self, wanted_rad: FloatArray, state: ArmState) -> Callable[[int], float]:
         """Return how hard the spring of a joint, by its number, pulls to a position in N·m, if asked."""
@@ -92,9 +86,8 @@ class Springs:
         self, effort_nm: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
         """Return the equilibrium points in rad for an effort."""
-        return (
-            position_rad + (effort_nm + self.damping_nms_per_rad * velocity_rad_s) / self.stiffness_nm_per_rad
-        )
+        k, b = self.stiffness_nm_per_rad, self.damping_nms_per_rad
+        return position_rad + (effort_nm + b * velocity_rad_s) / k
 
     def equilibrium_for(
         self,

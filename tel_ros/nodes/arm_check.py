@@ -145,12 +145,8 @@ class ArmClient(AbstractContextManager["ArmClient"]):
         if missing or len(message.position) != len(names):
             self.malformed += not missing
             if self._course is not None:
-                lack = (
-                    f"{', '.join(missing)} is missing"
-                    if missing
-                    else "names and positions do not fit together"
-                )
-                self._course.guard.ignored(lack)
+                lack = f"{', '.join(missing)} is missing" if missing else ""
+                self._course.guard.ignored(lack or "names and positions do not fit together")
             return
         columns = [names.index(joint) for joint in self._joints]
         stamp_ns = time_ns(message.header.stamp)

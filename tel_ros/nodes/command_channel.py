@@ -84,15 +84,12 @@ class CompetingPublishers:
     def look(self) -> None:
         """Look again."""
         others = set(self._publishers(self._command_topic)) - self._ours
-        self.of_commands = (
-            f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too" if others else ""
-        )
         speakers = self._publishers(self._states_topic)
-        self.of_states = (
-            f"{' and '.join(speakers)} publish {self._states_topic}: who speaks for the arm?"
-            if len(speakers) > 1
-            else ""
-        )
+        self.of_commands = self.of_states = ""
+        if others:
+            self.of_commands = f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too"
+        if len(speakers) > 1:
+            self.of_states = f"{' and '.join(speakers)} publish {self._states_topic}: who speaks for the arm?"
 
     def _publishers(self, topic: str) -> list[str]:
         """Return the node of each publisher of a topic, as far as it is known, if there are several."""

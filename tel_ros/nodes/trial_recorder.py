@@ -182,7 +182,8 @@ class TrialRecorderNode(Node):
                 lambda: self._ticks[result.index],  # a backlog is worked off, however long that takes
             )
             self._writer = None
-            response.dropped = self._dropped_last = self._dropped(result)
+            # Counted, because the trial's clock may have jumped.
+            response.dropped = self._dropped_last = max(0, result.ticks - self._ticks[result.index])
             if response.dropped:
                 writer.abandon()
                 first_s = (self._stamps[topics.CONTROL_STATES] or [0])[0] / NS_PER_S
@@ -260,10 +261,6 @@ class TrialRecorderNode(Node):
         recently = time.monotonic() - HEARD_LATELY_S
         return [topic for topic in topics.RECORDED_LIVE if self._heard_at.get(topic, 0.0) < recently]
 
-    def _dropped(self, result: messages.TrialResult) -> int:
-        """Return how many ticks of a trial have not arrived: counted, because its clock may have jumped."""
-        return max(0, result.ticks - self._ticks[result.index])
-
 
 def missing(stamps_ns: Mapping[str, Sequence[int]]) -> dict[str, int]:
     """Return how many joint states and commands (:data:`COMMANDS`) a recording of a trial lacks, if any.
@@ -284,10 +281,7 @@ def missing(stamps_ns: Mapping[str, Sequence[int]]) -> dict[str, int]:
     return {topic: n for topic, n in lacking.items() if n}
 
 
-def main() -> None:
-    """Run the node."""
-    run_node(TrialRecorderNode)
-
+main = partial(run_node, TrialRecorderNode)
 
 if __name__ == "__main__":
     main()

@@ -55,9 +55,8 @@ def delay(seen: Evidence) -> Finding:
         return judged(float(np.median(moved)) <= limit_s, measured, expected, mend)
     if moved:
         apart = f"delays that are {apart_s * 1e3:.0f} ms apart" if apart_s > limit_s else "no possible delay"
-        return unchecked(
-            f"the motion of {counted(len(moved), 'pulse')} gives {apart} (dry friction?)", expected
-        )
+        by_motion = f"the motion of {counted(len(moved), 'pulse')} gives {apart} (dry friction?)"
+        return unchecked(by_motion, expected)
     return unchecked("no joint has clearly answered its own command", expected)
 
 
@@ -76,15 +75,11 @@ def effort_delays_s(pulse: Pulse) -> list[float]:
     """Return how late the effort field of a joint shows each change of its command."""
     time_s, before = pulse.states.received_s, pulse.states.received_s <= pulse.start_s
     effort = pulse.states.effort_nm[:, pulse.joint]
-    told = (effort - (np.median(effort[before]) if np.any(before) else 0.0)) / (
-        pulse.effort_gain * pulse.effort_nm
-    )
+    offset_nm = np.median(effort[before]) if np.any(before) else 0.0
+    told = (effort - offset_nm) / (pulse.effort_gain * pulse.effort_nm)
     delays_s, k = [], 0
-    for at_s, half_way, way in (
-        (pulse.start_s, 0.5, 1.0),
-        (pulse.turn_s, 0.0, -1.0),
-        (pulse.zero_s, -0.5, 1.0),
-    ):
+    changes = ((pulse.start_s, 0.5, 1.0), (pulse.turn_s, 0.0, -1.0), (pulse.zero_s, -0.5, 1.0))
+    for at_s, half_way, way in changes:
         shown = np.flatnonzero((time_s[k:] > at_s) & (way * (told[k:] - half_way) > 0.0))
         if not len(shown):
             break
@@ -150,10 +145,8 @@ def watchdog(seen: Evidence) -> Finding:
     silence, rate_hz = seen.pulsed.silence, seen.rate_hz
     expected = f"zero effort within {WATCHDOG_S * 1e3:g} ms after the last command"
     if silence is None:
-        none = (
-            "the pulses ended early" if seen.pulsed.complaint else "no joint answers its own command clearly"
-        )
-        return unchecked(none, expected)
+        early, none = "the pulses ended early", "no joint answers its own command clearly"
+        return unchecked(early if seen.pulsed.complaint else none, expected)
     mend = (
         "a driver must switch the effort off when commands stop: stock effort controllers do not, they hold "
         "the last command for ever. Give the hardware interface a time-out; else a crash leaves effort on"

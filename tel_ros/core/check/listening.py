@@ -77,18 +77,16 @@ def joint_name(seen: Evidence, j: int) -> Finding:
     counts = tuple(sorted({each.count(seen.arm.joints[j]) for each in heard}))
     words = {(1,): "in every message", (0,): none, (0, 1): "not in every message"}
     mend = "arm.joints needs the names of the joint states; one broadcaster for all joints of the arm"
-    return judged(
-        counts == (1,), words.get(counts, "more than once in a message"), "once in every message", mend
-    )
+    found = words.get(counts, "more than once in a message")
+    return judged(counts == (1,), found, "once in every message", mend)
 
 
 def fields(seen: Evidence) -> Finding | None:
     """The fields of each message fit together; no finding if they do."""
     text = f"{counted(seen.malformed, 'message')} with fields of different lengths"
     expected = "as many positions (velocities, efforts) as names"
-    return (
-        judged(False, text, expected, "correct the publisher of the joint states") if seen.malformed else None
-    )
+    bad = judged(False, text, expected, "correct the publisher of the joint states")
+    return bad if seen.malformed else None
 
 
 def number_of_states(seen: Evidence) -> Finding | None:
@@ -161,9 +159,7 @@ def column(
 
     def judge(seen: Evidence) -> Finding:
         finite = np.isfinite(getattr(seen.states, name)).all(axis=0)
-        bad = ", ".join(
-            joint for joint, is_good in zip(seen.states.joints, finite, strict=True) if not is_good
-        )
+        bad = ", ".join(np.array(seen.states.joints)[~finite])
         return judged(not bad, f"{missing}: {bad}" if bad else good, expected, mend, otherwise)
 
     return judge

@@ -120,12 +120,9 @@ class PulseGuard:
         self.look_at_clock(heard.received_s)
         before, self._last, self._ignored = self._last, heard, ""
         told_nm = (heard.effort_nm - self._home.effort_nm) * np.sign(self._sent_nm)
-        follows = (
-            (self._sent_nm != 0.0)
-            & (told_nm >= 0.5 * abs(self._sent_nm))
-            & (told_nm <= 2.0 * abs(self._sent_nm))
-        )
-        self._follows_nm[follows] = np.minimum(self._follows_nm, abs(self._sent_nm))[follows]
+        sent_nm = np.abs(self._sent_nm)
+        follows = (sent_nm != 0.0) & (told_nm >= 0.5 * sent_nm) & (told_nm <= 2.0 * sent_nm)
+        self._follows_nm[follows] = np.minimum(self._follows_nm, sent_nm)[follows]
         away_rad = np.abs(self.away_rad)
         # Written so that NaN is outside.
         outside = ~(away_rad <= self.bounds.range_rad)
@@ -169,13 +166,12 @@ class PulseGuard:
     def look_at_clock(self, now_s: float) -> bool:
         """Take in that time has passed; return whether to go on."""
         if not now_s - self._last.received_s <= self._state_gap_s:
-            old = f"no new joint state for {self._state_gap_s:g} s: {self._ignored}"
-            self.stop(
-                old if self._ignored else f"no joint state for {self._state_gap_s:g} s",
-                "look at the driver and the publisher of the joint states"
-                if self._ignored
-                else "the driver has stopped, or this machine is too busy: see rate and jitter",
-            )
+            reason = f"no joint state for {self._state_gap_s:g} s"
+            mend = "the driver has stopped, or this machine is too busy: see rate and jitter"
+            if self._ignored:
+                reason = f"no new joint state for {self._state_gap_s:g} s: {self._ignored}"
+                mend = "look at the driver and the publisher of the joint states"
+            self.stop(reason, mend)
         return self.complaint is None
 
     def stop(self, reason: str, mend: str) -> None:

@@ -31,9 +31,8 @@ def pulses(seen: Evidence) -> Finding | None:
     """All pulses were sent; no finding if they were."""
     if seen.not_pulsed:
         return unchecked(seen.not_pulsed, "sign, scale, delay, watchdog")
-    text = f"ended early: {seen.pulsed.complaint}"
-    bad = judged(False, text, "all pulses within the allowed range", seen.pulsed.mend)
-    return bad if seen.pulsed.complaint else None
+    text, expected = f"ended early: {seen.pulsed.complaint}", "all pulses within the allowed range"
+    return judged(False, text, expected, seen.pulsed.mend) if seen.pulsed.complaint else None
 
 
 def effort_channel(seen: Evidence, j: int) -> Finding:
@@ -48,9 +47,8 @@ def effort_channel(seen: Evidence, j: int) -> Finding:
         return judged(True, f"moves {at}", expected, "")
     furthest = int(np.argmax(np.abs(pulse.reach_rad) / pulsed.visible_rad))
     went_rad, needed_rad = abs(pulse.reach_rad[furthest]), pulsed.visible_rad[furthest]
-    needed = (
-        f"{needed_rad * 1e3:.2g} mrad are needed (steps of {pulsed.resolution_rad[furthest] * 1e3:.2g} mrad)"
-    )
+    steps = f"steps of {pulsed.resolution_rad[furthest] * 1e3:.2g} mrad"
+    needed = f"{needed_rad * 1e3:.2g} mrad are needed ({steps})"
     stronger = "push harder (--effort-share), with more room where the encoder is coarse (--range)"
     if went_rad >= pulsed.noticed_rad[furthest]:
         little = f"{seen.arm.joints[furthest]} moves by {went_rad * 1e3:.2g} mrad {at}"
@@ -64,9 +62,8 @@ def effort_channel(seen: Evidence, j: int) -> Finding:
     if all(each.stood_still for each in pulsed.pulses):
         mend = "nothing at all has changed in the joint states: is the drive on, or are the readings frozen?"
     elif gain > 0.5:
-        mend = (
-            "the drive reports the effort: a brake, a stop, more friction than that (raise --effort-share)?"
-        )
+        other = "a brake, a stop, more friction than that (raise --effort-share)?"
+        mend = f"the drive reports the effort: {other}"
     elif gain <= 0.5:
         mend = f"the drive reports no such effort: {mend}"
     return judged(False, f"nothing moves {at}", expected, mend)
@@ -74,11 +71,8 @@ def effort_channel(seen: Evidence, j: int) -> Finding:
 
 def wiring(seen: Evidence, j: int) -> Finding:
     """Each effort reaches its own joint."""
-    joint, target, own = (
-        seen.arm.joints[j],
-        int(reached_joints(seen.pulsed)[j]),
-        "its command moves this joint",
-    )
+    joint, target = seen.arm.joints[j], int(reached_joints(seen.pulsed)[j])
+    own = "its command moves this joint"
     if target < 0:
         return unchecked(unsound(seen.pulsed, j, seen.arm.joints), own)
     reached = seen.arm.joints[target]
@@ -137,10 +131,8 @@ def unsound(pulsed: Pulsed, j: int, joints: Sequence[str]) -> str:
 
 def _drifts(pulsed: Pulsed, j: int, target: int) -> bool:
     """Return whether a joint moves the same way whichever way another, or itself, is pushed."""
-    ways_rad = [float(pulse.reach_rad[target]) for pulse in pulsed.of(j)]
-    return bool(ways_rad) and (
-        min(ways_rad) >= pulsed.visible_rad[target] or max(ways_rad) <= -pulsed.visible_rad[target]
-    )
+    ways_rad, visible_rad = [pulse.reach_rad[target] for pulse in pulsed.of(j)], pulsed.visible_rad[target]
+    return bool(ways_rad) and bool(min(ways_rad) >= visible_rad or max(ways_rad) <= -visible_rad)
 
 
 def response_matrix(pulsed: Pulsed) -> FloatArray:

@@ -63,10 +63,8 @@ class LoopTimer:
         """Return the figures since the last reset; None if fewer than two states were answered."""
         if self._n < 2:
             return None
-        stamps_ns, arrived_ns, answered_ns = (
-            np.array(times_ns[: self._n], dtype=np.int64)
-            for times_ns in (self._stamps_ns, self._arrived_ns, self._answered_ns)
-        )
+        times_ns = (self._stamps_ns, self._arrived_ns, self._answered_ns)
+        stamps_ns, arrived_ns, answered_ns = (np.array(each[: self._n], dtype=np.int64) for each in times_ns)
         # The arm is held by the last command meanwhile: two partitions, and nothing is sorted.
         jitter_ns = np.abs(np.diff(arrived_ns) - round(NS_PER_S / self._rate_hz))
         response_ns: IntArray = answered_ns - arrived_ns
