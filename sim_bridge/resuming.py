@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from sim_bridge.arm import ArmReading, SimulatedArm
+from sim_bridge.arm import SimulatedArm
 
 States = Mapping[int, tuple[tuple[float, ...], tuple[float, ...]]]
 """What was recorded of a trial: stamp [ns] to positions in rad and velocities in rad/s of all joints."""
@@ -38,14 +38,11 @@ def replay_arm(
 
 
 def _follows(arm: SimulatedArm, states: States, commands: Commands) -> bool:
-    for time_ns, command in commands:
-        if not _reads(arm.reading(), states, time_ns):
+    for time_ns, command in (*commands, (max(states), None)):
+        now_ns, *found, _ = arm.reading()
+        # The very first state of a run was there before the recorder listened.
+        if now_ns != time_ns or states.get(time_ns, tuple(found)) != tuple(found):
             return False
-        arm.step(command)
-    return _reads(arm.reading(), states, max(states))
-
-
-def _reads(reading: ArmReading, states: States, time_ns: int) -> bool:
-    found = (reading.position_rad, reading.velocity_rad_s)
-    # The very first state of a run was there before the recorder listened.
-    return reading.time_ns == time_ns and states.get(time_ns, found) == found
+        if command is not None:
+            arm.step(command)
+    return True

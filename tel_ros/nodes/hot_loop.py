@@ -111,19 +111,16 @@ def spin_hot(
             take(subscription)
         if pace is not None:
             pace.keep()
-        idle = not ready and pace is None
-        if idle or (time.monotonic() >= next_turn and _has_time(pace, next_turn)):
+        late_s = time.monotonic() - next_turn
+        # The rest may have its turn without making the pace late, or has waited too long.
+        has_time = pace is None or _left_s(pace) >= _TURN_TAKES_S or late_s > TURN_PERIOD_S
+        if (not ready and pace is None) or (late_s >= 0.0 and has_time):
             serve_ready(executor)
             next_turn = time.monotonic() + turn_period_s
 
 
 def _left_s(pace: Pace) -> float:
     return max(0.0, pace.deadline_s - time.monotonic())
-
-
-def _has_time(pace: Pace | None, since_s: float) -> bool:
-    """Whether the rest may have its turn without making the pace late, or has waited too long."""
-    return pace is None or _left_s(pace) >= _TURN_TAKES_S or time.monotonic() - since_s > TURN_PERIOD_S
 
 
 def take(subscription: Subscription) -> None:

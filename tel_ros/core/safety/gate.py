@@ -61,17 +61,11 @@ class StateGate:
         efforts_nm: Sequence[float],
         arrived_ns: int,
     ) -> ArmState:
-        """Return the state of the arm's joints.
+        """Return the state of the arm's joints; StateError: it is refused, and why.
 
-        Args:
-            names: of all joints in the message; the other fields are in this order.
-            stamp_ns: when it was measured, by the clock of the arm.
-            positions_rad: one a name.
-            velocities_rad_s: one a name, NaN where nothing is reported, or none at all.
-            efforts_nm: likewise; a list of another length counts as none.
-            arrived_ns: by a clock of this machine that nobody sets.
-
-        Raises StateError: the state is refused; the message says why.
+        The fields are in the order of the names. Velocities and efforts that are not reported are NaN or
+        missing; a list of efforts of another length counts as missing. ``stamp_ns`` is by the clock of the
+        arm, ``arrived_ns`` by one of this machine that nobody sets.
         """
         if names is not self._names:
             self._find_columns(names)

@@ -35,13 +35,9 @@ class SafetyLayer:
     passes unchanged, to the last bit. Where the rules' own bounds tell that none will object, none is asked
     (:class:`~tel_ros.core.safety.rules.QuietZone`).
 
-    Args:
-        arm: joints, springs and limits; its empty limits must have been filled from the URDF.
-        safety: the rules' numbers; what is empty is derived from the arm.
-        rate_hz: of states and commands.
-        own_rules: win over all but the effort limit and the rule about late states.
-
-    Raises ConfigError: a value does not fit the arm.
+    The arm's empty limits must have been filled from the URDF; the rules' empty numbers are derived from it.
+    ``own_rules`` win over all but the effort limit and the rule about late states. ConfigError: a value does
+    not fit the arm.
     """
 
     def __init__(
