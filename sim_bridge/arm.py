@@ -159,10 +159,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         self._advance(self._on_the_way.popleft())
 
     def coast(self) -> None:
-        """Let one control period pass without a command, and drop those on their way: the motors are off.
-
-        But position drives go on with the newest set point. Raises SimulationError like :meth:`step`.
-        """
+        """Let a period pass without a command: the motors are off; drives go on with the newest set point."""
         if self._drive is None:
             self._newest = self._zero
             self._forget_commands()
@@ -170,10 +167,7 @@ class SimulatedArm(AbstractContextManager["SimulatedArm"]):
         self._advance(self._on_the_way.popleft())
 
     def set_state(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
-        """Put the arm into a state, for tests and studies. Commands on their way are dropped; time stays.
-
-        Position drives hold the new posture. ConfigError: wrong length, not finite or out of range.
-        """
+        """Put the arm into a state, which position drives hold; ConfigError: it cannot be. Time stays."""
         self._check_position("position_rad", position_rad)
         if len(velocity_rad_s) != len(self._zero) or not all(map(math.isfinite, velocity_rad_s)):
             expected = f"a finite velocity for each of the joints {', '.join(self.joint_names)}"

@@ -120,10 +120,7 @@ class ArmPhysics:
         self._client = -1
 
     def advance(self, effort_nm: JointValues, n_steps: int) -> None:
-        """Let ``n_steps`` physics steps pass under constant torques.
-
-        Raises SimulationError: the simulation was closed.
-        """
+        """Let physics steps pass under constant torques; SimulationError: the simulation was closed."""
         body, joints, client = self._body, self._joints, self._client
         set_torques, mode = pybullet.setJointMotorControlArray, pybullet.TORQUE_CONTROL
         step = pybullet.stepSimulation
@@ -138,10 +135,9 @@ class ArmPhysics:
     def advance_driven(
         self, drive: Callable[[JointValues, JointValues], JointValues], n_steps: int
     ) -> JointValues:
-        """Let ``n_steps`` physics steps pass, each under the torques with which a drive answers the state.
+        """Let physics steps pass under the torques with which a drive answers each state; return the last.
 
-        ``drive`` goes from positions in rad and velocities in rad/s to torques in N·m. Returns the torques of
-        the last step. Raises SimulationError: the simulation was closed.
+        ``drive`` goes from positions in rad and velocities in rad/s to torques in N·m.
         """
         for _ in range(n_steps):
             effort_nm = drive(*self.state())

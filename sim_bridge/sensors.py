@@ -17,9 +17,9 @@ class JointSensors:
     velocity reading is the difference of two successive position readings over the time between them, through
     a first-order low-pass: it is late by half a period plus the filter's time constant 1 / (2π f), and as
     coarse as the encoder makes it. With exact encoders and no noise there is nothing to estimate: the true
-    velocity is read, without filter. ``sim``: bits of the encoder, standard
-    deviation of the noise on each position reading, and corner frequency f of the low-pass; each 0: none.
-    ``period_s``: time between readings. ``seed``: of the noise.
+    velocity is read, without filter. ``sim``: bits of the encoder, standard deviation of the noise on each
+    position reading, and corner frequency f of the low-pass; each 0: none. ``period_s``: time between
+    readings. ``seed``: of the noise.
     """
 
     def __init__(self, n_joints: int, sim: SimConfig, *, period_s: float, seed: int) -> None:

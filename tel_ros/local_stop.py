@@ -101,10 +101,7 @@ def ask(asked: Iterable[Controller], request: str) -> dict[Controller, Answer | 
 
 
 class Listener:
-    """The controller's side: answers requests when its owner looks for them.
-
-    ``answers``: what to do for each request; called from :meth:`serve`.
-    """
+    """The controller's side: when its owner looks, it answers requests by what is to be done for each."""
 
     def __init__(self, me: Controller, answers: Mapping[str, Callable[[], Answer]]) -> None:
         self._answers = answers

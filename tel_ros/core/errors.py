@@ -13,10 +13,7 @@ class TelError(Exception):
 
 
 class ConfigError(TelError):
-    """A configured value cannot be used.
-
-    The key is dotted, as far as the raiser knows it; the source is a file or an option.
-    """
+    """A configured value cannot be used: its dotted key, as far as it is known, and its file or option."""
 
     def __init__(self, key: str, value: object, expected: str, source: str | None = None) -> None:
         self.key, self.value, self.expected, self.source = key, value, expected, source

@@ -104,11 +104,11 @@ def plain_urdf(
     """Return a URDF with nothing in it but the bodies and joints of an arm, of which only its own move.
 
     What it does not carry is left out, unless it is to be seen. A link without ``<inertial>`` has no mass, as
-    the format means it (PyBullet would give it 1 kg). ``inertia_scale``: factor
-    on the masses and inertias of the links, not on the payload. ``payload_kg``: point mass at the origin of
-    the hand link. ``hand_link``: the link that carries it. ``stops_rad``: between which positions the joints
-    move, instead of what the file says; a joint that turns without end does not, if they are finite.
-    ``mesh``: from the name of a mesh to its file, or None if it is missing; None: without shapes.
+    the format means it (PyBullet would give it 1 kg). ``inertia_scale``: factor on the masses and inertias of
+    the links, not on the payload. ``payload_kg``: point mass at the origin of the hand link. ``hand_link``:
+    the link that carries it. ``stops_rad``: between which positions the joints move, instead of what the file
+    says; a joint that turns without end does not, if they are finite. ``mesh``: from the name of a mesh to
+    its file, or None if it is missing; None: without shapes.
     """
     robot, urdf = Element("robot", name="arm"), arm.urdf
     robot.extend(urdf.materials if mesh else ())

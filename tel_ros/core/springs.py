@@ -116,8 +116,5 @@ class SpringChange:
     def learned(
         self, equilibrium_rad: FloatArray, position_rad: FloatArray, velocity_rad_s: FloatArray
     ) -> FloatArray:
-        """Return the û of the configured springs that would have exerted what those of the trial did.
-
-        Shapes (n, n_joints). The velocity is the one that went into the control law.
-        """
+        """Return the û of the configured springs that would have exerted the same. Shapes (n, n_joints)."""
         return self.configured.equilibrium_for(self.used, equilibrium_rad, position_rad, velocity_rad_s)

@@ -53,10 +53,7 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True)
 class TrialGoal:
-    """What to do in one trial; number and practice parameter are for the records.
-
-    Raises TrajectoryError: the command does not fit the desired trajectory or is not finite.
-    """
+    """What to do in one trial; TrajectoryError: the command does not fit the desired trajectory."""
 
     index: int
     alpha: float
@@ -149,10 +146,7 @@ class TrialReport:
 
     @classmethod
     def from_plain(cls, values: Mapping[str, Any]) -> Self:
-        """Return the record of plain values; null becomes NaN, a missing key the default.
-
-        Raises KeyError, TypeError, ValueError: a key is missing or has a value of the wrong kind.
-        """
+        """Return the record of plain values, null as NaN; KeyError, TypeError, ValueError: they are none."""
         return _from_plain(cls, values)
 
 

@@ -109,10 +109,7 @@ class ArmClient(AbstractContextManager["ArmClient"]):
         return self.spin_until(lambda: channel.listeners > 0, timeout_s)
 
     def run(self, course: Course) -> None:
-        """Answer each state at once; zero effort is commanded at the end in any case.
-
-        When no state comes for a while the course itself ends with zero effort.
-        """
+        """Answer each state at once; zero effort is commanded at the end in any case, as in silence."""
         self._course = course
         try:
             self.spin_until(partial(self._watched, course), math.inf)

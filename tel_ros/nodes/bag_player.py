@@ -47,9 +47,9 @@ class BagPlayer:
     Everything goes to names below ``/replay``, apart from the joint states that the nodes are to hear. A
     controller takes those for an arm's and may command efforts that fit the recorded motion. So the replay is
     refused, or ends, as soon as anybody listens to commands or another node publishes joint states.
-    ``with_clock``: whether to publish ``/clock`` as well. ``toggled``: polled;
-    true: the user wants a pause, or its end. ``on_pause``: called with true when a pause begins, with false
-    when it ends. ``namespace``: of the nodes that are to hear the joint states.
+    ``with_clock``: whether to publish ``/clock`` as well. ``toggled``: polled; true: the user wants a pause,
+    or its end. ``on_pause``: called with true when a pause begins, with false when it ends. ``namespace``: of
+    the nodes that are to hear the joint states.
     """
 
     def __init__(
@@ -105,11 +105,7 @@ class BagPlayer:
         self._end()
 
     def play(self, rate: float) -> None:
-        """Publish everything once, ``rate`` seconds of the bag in a second.
-
-        Raises ReplayRefusedError if an arm has come or somebody else publishes the time, BagError if the bag
-        cannot be read on.
-        """
+        """Publish all once, ``rate`` s of the bag in one; ReplayRefusedError: an arm has come; BagError."""
         schedule = self._schedule = ReplaySchedule(rate, self._replay.start_ns, time.monotonic())
         self._clock_ns = -1
         try:

@@ -65,10 +65,7 @@ class CommandChannel:
 
 
 class CompetingPublishers:
-    """Looks for others that command the arm, and for a second publisher of its states.
-
-    ``commander``: name of the node that is to command it; empty: the one that looks.
-    """
+    """Looks for others than the ``commander`` (empty: this node), and for a second publisher of states."""
 
     def __init__(self, node: Node, command_topic: str, commander: str = "") -> None:
         self._node = node

@@ -111,10 +111,7 @@ def desired_message(joints: Sequence[str], desired: DesiredTrajectory) -> JointT
 
 
 def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajectory:
-    """Return the desired trajectory of a message, its columns in the order of ``joints``.
-
-    Raises TrajectoryError: other joints, incomplete points, or whatever :class:`DesiredTrajectory` refuses.
-    """
+    """Return the desired trajectory of a message, in the order of ``joints``; TrajectoryError: it is none."""
     columns = _columns(message.joint_names, joints)
     times_ns = np.array([time_ns(point.time_from_start) for point in message.points], dtype=np.int64)
     return DesiredTrajectory(
@@ -123,10 +120,7 @@ def to_desired(message: JointTrajectory, joints: Sequence[str]) -> DesiredTrajec
 
 
 def equilibrium_of(message: JointTrajectory, joints: Sequence[str]) -> FloatArray:
-    """Return the equilibrium points of a message. Shape (n, n_joints).
-
-    Raises TrajectoryError: other joints, or points without positions.
-    """
+    """Return the equilibrium points of a message, shape (n, n_joints); TrajectoryError: there are none."""
     return _values(message, "positions", _columns(message.joint_names, joints))
 
 
@@ -152,10 +146,7 @@ def to_goal_message(
 
 
 def to_goal(message: TrialGoalMessage, joints: Sequence[str]) -> TrialGoal:
-    """Return the goal of a trial.
-
-    Raises TrajectoryError: other joints, arrays that do not fit together, or whatever the records refuse.
-    """
+    """Return the goal of a trial; TrajectoryError: other joints, or arrays that do not fit together."""
     columns = _columns(message.joint_names, joints)
     shape = (len(message.time_ns), len(columns))
 

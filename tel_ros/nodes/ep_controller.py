@@ -111,10 +111,7 @@ class EpControllerNode(ManagedNode):
         self._acts = True
 
     def deactivate(self) -> None:
-        """Release an arm that is held, or leave it with what holds it (``safety.final_effort``).
-
-        Refused while a trial is under way, or the arm moves.
-        """
+        """Release an arm that is held, or leave it so (``safety.final_effort``); not while it moves."""
         stop = self._safety.stop_name
         if self._trials.busy:
             why = f"a trial is under way; cancel it, or call {stop}, and wait for its end"

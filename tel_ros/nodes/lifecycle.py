@@ -27,11 +27,7 @@ def _transition(hook: str) -> Any:
 
 
 class ManagedNode(LifecycleNode):
-    """A managed node whose hooks raise :class:`TransitionRefusedError` to refuse a transition.
-
-    A shutdown cannot be refused. After an unexpected error :meth:`give_up` is called, and the node is
-    unconfigured.
-    """
+    """A managed node whose hooks raise :class:`TransitionRefusedError` to refuse all but a shutdown."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

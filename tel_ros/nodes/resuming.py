@@ -17,10 +17,7 @@ from tel_ros.recording import topics
 
 
 def declare_resume(node: Node) -> Path | None:
-    """Declare the parameter ``resume`` and return the folder of the run to go on with; None: a new run.
-
-    The run is that of the file in the parameter ``config``, which has to have been declared.
-    """
+    """Declare ``resume`` and return the folder of the run to go on with, that of ``config``; None: none."""
     what = "whether to go on with the run in whose folder the file of the parameter config lies"
     about = ParameterDescriptor(description=what, read_only=True)
     if not node.declare_parameter("resume", False, about).value:

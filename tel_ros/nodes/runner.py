@@ -41,10 +41,7 @@ NO_LOG_FILE = "--disable-external-lib-logs"
 def start_ros(
     arguments: Sequence[str] = ("tel", "--ros-args", NO_LOG_FILE), context: Context | None = None
 ) -> None:
-    """Initialise rclpy without its signal handlers; by default as a command does, which keeps no log file.
-
-    Raises TelError: arguments are malformed, or would be passed over; or ROS does not start.
-    """
+    """Initialise rclpy without signal handlers, by default as a command without log file; or TelError."""
     for option, file in pairwise(arguments):
         if option == "--params-file":
             read_yaml(Path(file))
