@@ -155,7 +155,9 @@ def _plain(value: Any) -> Any:
         return value.text
     if isinstance(value, LoopTiming):
         return asdict(value)
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _number(value: Any) -> float:
@@ -168,14 +170,19 @@ _READERS: Mapping[str, Callable[[Any], Any]] = {
     "str": lambda value: "" if value is None else str(value),
     "Outcome": lambda value: Outcome[value.upper()],
     "FloatArray": lambda values: np.array([_number(value) for value in values]),
+    "tuple[str, ...]": lambda values: tuple(str(value) for value in values),
     "LoopTiming | None": lambda values: None if values is None else _from_plain(LoopTiming, values),
 }
 """By the annotation of a field, as it is written."""
 
 
 def _from_plain(record: type[RecordT], values: Mapping[str, Any]) -> RecordT:
-    given = [field for field in fields(record) if field.name in values or field.default is MISSING]
-    return record(**{field.name: _READERS[str(field.type)](values[field.name]) for field in given})
+    read = {}
+    for field in fields(record):
+        if field.name in values or field.default is MISSING:
+            reader = _READERS.get(str(field.type), lambda value: value)
+            read[field.name] = reader(values[field.name])
+    return record(**read)
 
 
 @dataclass(frozen=True, kw_only=True)
