@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from made_up_arm import config_of, report_of
 
-from tel_ros.core.config import Config
+from tel_ros.core.config import Config, SafetyConfig
 from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.learned_timings import LearnedTimings
 from tel_ros.core.practice.session import Prediction
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending, Forecast, Movement, PlannedTrial, Strategy
+from tel_ros.core.safety.motion_rules import BrakingDistance, SoftLimits
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 from tel_ros.core.trajectories.timing import MinimumJerk, Timing
@@ -186,6 +187,23 @@ def test_movements_with_a_share_are_timed_by_what_was_learned_and_others_by_thei
 def test_the_first_command_of_a_time_optimal_movement_is_that_of_rest() -> None:
     ds, dds = timing_of(fastest(), 0.9).at(np.array([0, 2_000_000]))[1:]
     assert np.all(ds == 0.0) and np.all(np.abs(dds) < 1e-9)
+
+
+def test_a_movement_towards_a_soft_limit_is_as_fast_as_the_safety_layer_lets_it_be() -> None:
+    """Above that speed the layer takes effort away: impulses would be lost, and the arm leave its path."""
+    path, config = NAMED_PATHS["planar_loops"], fastest()
+    highest_rad = float(path.evaluate(np.linspace(0.0, 1.0, 500))[0][:, 1].max())
+    arm = replace(config.arm, position_max_rad=(3.0, highest_rad + 0.2))
+    near = replace(config, arm=arm, safety=SafetyConfig(deceleration_rad_s2=(50.0, 4.0)))
+    timing = timing_of(near, 0.9)
+    assert timing.duration_s > 1.02 * timing_of(config, 0.9).duration_s
+    s, ds, _ = timing.at(np.arange(0, round(1e9 * timing.duration_s), 2_000_000))
+    q, dq, _ = path.evaluate(s)
+    speed = dq[:, 1] * ds
+    walls = SoftLimits.of(arm, near.safety)
+    fastest_rad_s = BrakingDistance.of(arm, near.safety, walls).fastest(walls.high_rad - q)[:, 1]
+    assert np.all(speed <= fastest_rad_s)
+    assert np.max(speed / fastest_rad_s) > 0.8
 
 
 def test_a_drive_that_gives_less_makes_the_movement_slower() -> None:
