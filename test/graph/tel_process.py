@@ -27,6 +27,8 @@ PATIENT = ("control.state_timeout_s=5.0", "sim.lockstep_timeout_s=10.0")
 COARSE = ("control.rate_hz=200", "control.settle_time_s=0.2")
 """Ticks cost the tests most, next to starting processes; at 500 Hz there are more, and nothing else."""
 COARSEST = ("control.rate_hz=100", "control.settle_time_s=0.2")
+PRIORITY = ("control.realtime_priority=50",)
+"""Where that is permitted, other processes make no stalls."""
 HANG_S = 180.0
 """What has not come by then does not come. Nothing that works takes so long, on a busy machine either."""
 QUICK = (

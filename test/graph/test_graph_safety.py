@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 from tel_interfaces.msg import ControlState, TrialResult
-from tel_process import PATIENT
+from tel_process import PATIENT, PRIORITY
 
 from tel_ros.nodes import qos
 from tel_ros.recording import topics
@@ -88,9 +88,8 @@ def test_the_guard_brakes_the_arm_of_a_controller_that_was_killed_or_hangs(
     graph: StartGraph, how: signal.Signals
 ) -> None:
     nodes = ["sim_bridge", "arm_guard", "ep_controller"]
-    running = graph(
-        nodes, *PATIENT, "sim.clock=realtime", "safety.guard=always", "control.path_tolerance_rad=2.5"
-    )
+    real_time = ("sim.clock=realtime", *PRIORITY, *PATIENT)
+    running = graph(nodes, *real_time, "safety.guard=always", "control.path_tolerance_rad=2.5")
     commands = running.listen(Float64MultiArray, topics.EFFORT_COMMANDS, depth=10_000)
     arm = running.listen(JointState, topics.JOINT_STATES)
     health: list[DiagnosticArray] = running.listen(DiagnosticArray, topics.DIAGNOSTICS)

@@ -16,6 +16,7 @@ from tel_process import (
     HANG_S,
     PAPER,
     PATIENT,
+    PRIORITY,
     QUICK,
     StartTel,
     TelProcess,
@@ -148,9 +149,9 @@ def test_a_run_goes_on_as_it_was_begun(tmp_path: Path, more: list[str]) -> None:
 @pytest.mark.realtime
 def test_the_same_graph_runs_in_real_time(tel: StartTel) -> None:
     three_s = ("practice.first_duration_s=3.0", "practice.goal_duration_s=3.0")
-    wanted = ("sim.clock=realtime", "practice.trials=1", "control.path_tolerance_rad=2.0", *three_s, *PATIENT)
+    wanted = ("sim.clock=realtime", "practice.trials=1", "control.path_tolerance_rad=2.0", *three_s)
     for attempt in range(3):
-        run = tel(*wanted, name=f"attempt_{attempt}")
+        run = tel(*wanted, *PATIENT, *PRIORITY, name=f"attempt_{attempt}")
         code, out, err = run.finish()
         assert out, err
         row = summary_of(out)["trials"][0]

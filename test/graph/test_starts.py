@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from graph_harness import Graph
 from tel_interfaces.msg import TrialResult
-from tel_process import COARSE, PAPER
+from tel_process import COARSE, PAPER, PRIORITY
 
 from tel_ros.recording.config_file import load_config
 
@@ -22,8 +22,7 @@ STALL_S = 0.02
 @pytest.mark.realtime
 @pytest.mark.timeout(0)
 def test_no_loop_stalls_when_it_begins(tmp_path: Path, domain: int, pytestconfig: pytest.Config) -> None:
-    # With a priority, where that is permitted, other processes make no stalls.
-    config = load_config(PAPER, (*COARSE, "sim.clock=realtime", "control.realtime_priority=50"))
+    config = load_config(PAPER, (*COARSE, *PRIORITY, "sim.clock=realtime"))
     longest_s, aborts = [], []
     for k in range(pytestconfig.getoption("--starts", default=1)):
         with Graph(config, tmp_path / f"{k}", ["sim_bridge", "ep_controller"], domain) as running:
