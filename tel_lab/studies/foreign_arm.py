@@ -192,7 +192,7 @@ def _reasons(row: Row) -> str:
     words = [re.sub(r" \(what was recorded.*", "", run.words) for run in row[2]]
     said = {re.sub(r"\d+(\.\d+)?", "#", text): text for text in words}
     counts = Counter(re.sub(r"\d+(\.\d+)?", "#", text) for text in words)
-    lines = [f"  - {counts[key]} times: {text}" for key, text in said.items()]
+    lines = [f"  - {counts[key]} of {len(words)}: {text}" for key, text in said.items()]
     return "\n".join([f"- {CASES[row[0]]}, arm_guard {'on' if row[1] else 'off'}", *lines])
 
 
