@@ -198,7 +198,7 @@ def _reasons(row: Row) -> str:
 
 @study()
 @click.option("--runs", default=10, show_default=True, help="Of each fault, with and without arm_guard.")
-@click.option("--first-domain", default=60, show_default=True, help="Of four ROS domains to use.")
+@click.option("--first-domain", default=201, show_default=True, help="Of four ROS domains to use.")
 def foreign_arm(options: StudyOptions, runs: int, first_domain: int) -> None:
     """Faults of an arm that is not ours, seen at its drives; 20 s a run, 60 min for 10 of each."""
     os.environ.update(ON_THIS_MACHINE)
