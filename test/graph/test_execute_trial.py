@@ -229,8 +229,11 @@ def test_states_that_cannot_be_used_are_never_answered(hand_made: HandMade) -> N
     assert all(list(message.data) == zero for message in commands[heard + 5 :])
 
 
-def test_missing_velocities_are_estimated_and_that_is_said_once(hand_made: HandMade) -> None:
-    running = hand_made.running
+def test_missing_velocities_are_estimated_and_that_is_said_once(graph: StartGraph) -> None:
+    # A controller of its own: where velocities were reported once, missing ones are not made up.
+    running = graph(["ep_controller"], "run.arm=external")
+    running.activate_controller()
+    hand_made = HandMade(running)
     states = running.listen(ControlState, topics.CONTROL_STATES)
     hand_made.begin()
     positions: dict[int, float] = {}
