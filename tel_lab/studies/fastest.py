@@ -11,6 +11,7 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from tel_lab.comparison.statistics import Median, median
 from tel_lab.exact_model import ExactInverseDynamics
@@ -33,7 +34,7 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import learner_context
 from tel_ros.recording.waypoint_file import load_path
 
-FIRST_SEED = 7001
+FIRST_SEED = 9001
 """No test and no other study has used these arms and paths."""
 RANGE_MARGIN_RAD = 0.3
 """Random paths of the planar arm keep this far from the ends of the joints' ranges. Those of arms under
@@ -44,14 +45,8 @@ NEAR_SHARE = 0.7
 PAYLOAD_KG = 0.5
 WORST = 5
 SETTINGS = ("practice.goal=fastest", "practice.timing=time_optimal", "practice.strategy=adaptive_extension")
-
-
-DATA_SHEET = (
-    "arm.effort_limit_nm=[300, 300, 176, 176, 110, 40, 40]",
-    "arm.velocity_limit_rad_s=[1.48, 1.48, 1.75, 1.31, 2.27, 2.36, 2.36]",
-    "practice.first_duration_s=24",
-)
-"""Limits of the iiwa 14's data sheet, which allows the first two joints 320 N·m; the URDF, 300 N·m."""
+SLOWER_FIRST = ("practice.first_duration_s=24",)
+"""So slow that the data sheet's velocity limits permit the longer ones of the paths."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +71,7 @@ GROUPS = {
     "kinematics": Group("kinematics told", "planar_arm", "rigid_body", 1.10, BLUE, varied=True),
     "no_model": Group("without a model", "planar_arm", "polynomial", 1.30, ORANGE, varied=True),
     "kuka_iiwa": Group(
-        "KUKA iiwa, kinematics told", "kuka_iiwa", "rigid_body", 1.15, GREEN, PATHS, settings=DATA_SHEET
+        "KUKA iiwa, kinematics told", "fastest_iiwa", "rigid_body", 1.15, GREEN, PATHS, settings=SLOWER_FIRST
     ),
     "franka_panda": Group("Franka Panda, kinematics told", "franka_panda", "rigid_body", 1.15, PURPLE, PATHS),
     "payload": Group(
@@ -283,6 +278,8 @@ def figure(results: Sequence[Result], config: Config) -> Figure:
     errors.set(title="b  Last trial", ylabel="RMS error [mrad]", ylim=(0.0, None))
     courses.axhline(1.0, color=SOFT, linewidth=0.8, linestyle="--")
     courses.set(title="c  From trial to trial", xlabel="trial", ylabel="time / time-optimal", yscale="log")
+    courses.yaxis.set_major_formatter("{x:g}")
+    courses.yaxis.set_minor_formatter(NullFormatter())
     handles, labels = ratios.get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside lower center", ncols=2)
     return drawing

@@ -57,7 +57,7 @@ class EpController:
         self.distrusts = False
         """Whether readings or wiring have been found wrong, until the stop is reset."""
         # Until a trial has been completed:
-        self._first_motion = None if position else FirstMotion(arm.joints, np.array(arm.effort_limit_nm))
+        self._first_motion = None if position else FirstMotion(arm)
         self._exerted_nm: FloatArray | None = None  # by the springs; None: they tell nothing of a load
         self.stopped_for: str | None = None
         """Why no trial may start until :meth:`reset_stop`; None: one may."""

@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, SafetyConfig
 from tel_ros.core.safety.motion_rules import largest_inertia, soft_range
@@ -234,19 +236,26 @@ class FirstMotion:
 
     - a joint that moves away from where it is pulled and gets faster by that. A joint that falls, or that
       another one carries along, gives way less the further it gets: with a constant force it covers each
-      further doubling of the distance in 1.41 times the time. One that its spring drives needs the same time;
+      further doubling of the distance in 1.41 times the time. One that its spring drives needs the same time,
+      and no longer than the largest inertia that the spring may have to move takes (an unlearned arm that
+      sags slowly under gravity can keep its pace by chance);
     - efforts that swing from one side to the other faster than an arm moves.
     """
 
     FIRST_RAD = 0.01
     """The distance from which on doublings are timed."""
     LONGER = 1.15
+    DOUBLING, MARGIN = 0.93, 1.4
+    """Time that x takes to double in I ẍ = K x - B ẋ with a damping ratio of 0.3, in units of √(I / K):
+    ln 2 / (√(1 + ζ²) - ζ). A wrong sign of B as well makes it shorter."""
     STRONG_SHARE, SWINGS, SWINGS_S, SWING_STEPS = 0.2, 4, 0.1, 3.0
 
-    def __init__(self, joints: Sequence[str], limit_nm: FloatArray) -> None:
-        self._joints = tuple(joints)
-        self._strong: list[float] = (self.STRONG_SHARE * limit_nm).tolist()
-        self.begin([0.0] * len(joints))
+    def __init__(self, arm: ArmConfig) -> None:
+        self._joints = arm.joints
+        self._strong: list[float] = (self.STRONG_SHARE * np.array(arm.effort_limit_nm)).tolist()
+        slowest_s = np.sqrt(largest_inertia(arm) / np.array(arm.stiffness_nm_per_rad))
+        self._longest_s: list[float] = (self.MARGIN * self.DOUBLING * slowest_s).tolist()
+        self.begin([0.0] * len(self._joints))
 
     def begin(self, positions: Sequence[float]) -> None:
         """Begin from where the joints are."""
@@ -267,7 +276,7 @@ class FirstMotion:
             away = below if below > above else above
             if 0.0 < change < joint.step_rad:
                 joint.step_rad = change
-            if (away >= near or joint.times) and self._runs_away(joint, away, now_s):
+            if (away >= near or joint.times) and self._runs_away(joint, away, now_s, self._longest_s[j]):
                 found = (
                     f"{self._joints[j]} moves away from where it is pulled, faster and faster "
                     f"({away:.3f} rad so far): a sign, a unit or the order of the joints is wrong"
@@ -281,7 +290,7 @@ class FirstMotion:
         self._last_s = now_s
         return found
 
-    def _runs_away(self, joint: _WatchedJoint, away: float, now_s: float) -> bool:
+    def _runs_away(self, joint: _WatchedJoint, away: float, now_s: float, longest_s: float) -> bool:
         times, before = joint.times, joint.away
         if away < 0.5 * self.FIRST_RAD:
             times.clear()
@@ -289,7 +298,10 @@ class FirstMotion:
         while away >= (mark := self.FIRST_RAD * 2.0 ** len(times)):
             share = (mark - before) / (away - before) if away > before else 1.0
             times.append(self._last_s + min(max(share, 0.0), 1.0) * (now_s - self._last_s))
-            if len(times) >= 3 and times[-1] - times[-2] <= self.LONGER * (times[-2] - times[-3]):
+            if len(times) < 3:
+                continue
+            before_s, last_s = times[-2] - times[-3], times[-1] - times[-2]
+            if last_s <= min(self.LONGER * before_s, longest_s):
                 return True
         return False
 

@@ -18,6 +18,7 @@ from tel_ros.core.control.controller import EpController
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.safety.layer import SafetyLayer
+from tel_ros.core.safety.monitors import FirstMotion
 from tel_ros.core.trial import Outcome, Tick, TrialGoal, TrialReport
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "contract"))
@@ -204,6 +205,23 @@ def test_an_arm_that_is_wired_wrongly_is_let_go_of_in_its_first_approach(
     assert re.search(says, report.message), report.message
     rig.require_let_go()
     assert rig.fastest_rad_s < fastest_rad_s
+
+
+@pytest.mark.parametrize(("doubling_s", "is_driven"), [(0.12, True), (0.26, False)])
+def test_only_as_fast_as_its_spring_could_drive_it_a_joint_counts_as_running_away(
+    doubling_s: float, is_driven: bool
+) -> None:
+    monitor, posture = FirstMotion(arm_config()), np.array(START)
+    monitor.begin(START)
+    found = [
+        monitor.look(
+            ArmState(k * 2_000_000, posture + [0.0, 0.004 * 2.0 ** (0.002 * k / doubling_s)], np.zeros(2)),
+            posture,
+            np.zeros(2),
+        )
+        for k in range(500)
+    ]
+    assert any("elbow moves away" in words for words in found) == is_driven
 
 
 def test_an_arm_outside_of_its_range_is_refused_before_anything_moves() -> None:
