@@ -9,7 +9,7 @@ SHELL := /bin/bash
 # Used when .venv is made; to change it later, `make clean` first.
 PYTHON ?= python3
 VENV := .venv
-EXTRAS := ros,interfaces,sim,report,view,rigid-body,sweep,test,dev,docs
+EXTRAS := ros,interfaces,sim,report,view,rigid-body,compare,sweep,test,dev,docs
 
 # The environment is whole and stands on its own. What a sourced ROS or another environment exports
 # would put other versions of the same libraries in front of it.

@@ -110,8 +110,8 @@ setup(
         "view": ["viser[urdf]>=1.1,<2", "msgspec", "websockets>=13"],
         # For the learners rigid_body and rigid_body+lms_tree.
         "rigid-body": ["pin"],
-        # For movements as fast as the arm can, and the bound that they are measured against.
-        "fastest": ["toppra>=0.6"],
+        # The time-optimal bound that tel compare and tel study fastest measure movements against.
+        "compare": ["toppra>=0.6"],
         # tel sweep on several machines; without it, it runs in processes of this one and writes CSV.
         "sweep": ["pyarrow", "ray"],
         # What tel study learners_benchmark compares with.

@@ -24,9 +24,8 @@ from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.conversions import command_reader, to_time
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.hot_loop import busy_subscription
-from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.parameters import declare_resume, load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
-from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.cdr import CommandNumbers, JointStateLayout

@@ -36,7 +36,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     panels[0].set_ylim(len(specs) - 0.4, -0.6)
     for label, spec in zip(panels[0].get_yticklabels(), specs, strict=True):
         label.set_color(_colour(spec.name, spec.given))
-    figure.supxlabel(f"{_CAPTION} Less is better.  {GIVEN_NOTE}", x=0.0, ha="left", fontsize=7.0, color=SOFT)
+    figure.supxlabel(f"{_CAPTION}  {GIVEN_NOTE}", x=0.0, ha="left", fontsize=7.0, color=SOFT)
     return figure
 
 

@@ -36,7 +36,7 @@ _COMES_WITH = {
     "pinocchio": "pip install 'tel_ros[rigid-body]'",
     "pybullet": "pip install 'tel_ros[sim]'",
     "sklearn": "pip install 'tel_ros[lab]'",
-    "toppra": "pip install 'tel_ros[fastest]'",
+    "toppra": "pip install 'tel_ros[compare]'",
     "rclpy": "ROS 2 Jazzy: a sourced installation, or pip install 'tel_ros[ros]'",
     "tel_interfaces": "the wheel of that name beside that of tel_ros (`make dist`), or colcon",
 }

@@ -1,4 +1,4 @@
-"""What a controller has next to its commands: the trial action, its sight of the arm, the emergency stop."""
+"""What a controller has next to its commands: trial action, sight of the arm, emergency stop, resuming."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
@@ -24,7 +25,7 @@ from tel_ros.core.config import ControlConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.holding import RestDetector
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.errors import StateError, TelError, TrajectoryError
+from tel_ros.core.errors import BagError, StateError, TelError, TrajectoryError
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.local_stop import Answer
 from tel_ros.nodes import qos
@@ -262,3 +263,36 @@ def _answered(
 ) -> Trigger.Response:
     response.success, response.message = act()
     return response
+
+
+def replay_control(controller: EpController, run: Path, joints: Sequence[str]) -> bool:
+    """Let a new controller go through all trials of a run, so that it holds what it held after them.
+
+    Nothing is sent anywhere. The controller is a function of goals and joint states: fed with the recorded
+    ones it has to decide what is recorded. False: it did not, since something that is not recorded, such as
+    an emergency stop, had a part; it must not be used then. Raises BagError: a bag cannot be read;
+    TrajectoryError: a recorded goal is one that the arm must not follow.
+    """
+    # Imported late: a loop that begins anew needs no bags, and should not wait for their reader.
+    from tel_ros.recording.run_folder import trial_bags
+    from tel_ros.recording.trial_bag import read_topic, read_trial
+
+    for bag in trial_bags(run):
+        goals = read_topic(bag, topics.TRIAL_GOAL)
+        trial = read_trial(bag)
+        if trial.joints != tuple(joints):
+            raise BagError(bag, f"is of the joints {', '.join(trial.joints)}", ", ".join(joints))
+        controller.start(to_goal(goals[0][1], joints))
+        rows = zip(trial.time_ns.tolist(), trial.position_rad, trial.velocity_rad_s, strict=True)
+        for k, (time_ns, position_rad, velocity_rad_s) in enumerate(rows):
+            tick = controller.tick(ArmState(time_ns, position_rad, velocity_rad_s))
+            if (
+                tick is None
+                or tick.phase != trial.phase[k]
+                or not np.array_equal(tick.equilibrium_rad, trial.equilibrium_rad[k])
+                or not np.array_equal(tick.effort_nm, trial.effort_nm[k])
+            ):
+                return False
+        if controller.active:
+            return False
+    return True

@@ -19,14 +19,13 @@ from tel_ros.local_stop import ENDED
 from tel_ros.nodes import qos
 from tel_ros.nodes.clock import STEADY, longest_silence_s
 from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
-from tel_ros.nodes.controller_services import SafetyServices, SeenArm, TrialServer
+from tel_ros.nodes.controller_services import SafetyServices, SeenArm, TrialServer, replay_control
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level, RateMeter
 from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.nodes.lifecycle import ManagedNode, TransitionRefusedError
-from tel_ros.nodes.parameters import load_parameters
+from tel_ros.nodes.parameters import declare_resume, load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
-from tel_ros.nodes.resuming import declare_resume, replay_control
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout

@@ -14,6 +14,7 @@ from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -66,6 +67,15 @@ def load_parameters(node: Node, *sections: str, settable: Collection[str] = ()) 
         if value != default:
             overridden[key] = value
     return with_values(config, overridden, source) if overridden else config
+
+
+def declare_resume(node: Node) -> Path | None:
+    """Declare ``resume`` and return the folder of the run to go on with, that of ``config``; None: none."""
+    what = "whether to go on with the run in whose folder the file of the parameter config lies"
+    about = ParameterDescriptor(description=what, read_only=True)
+    if not node.declare_parameter(RESUME, False, about).value:
+        return None
+    return Path(node.get_parameter(CONFIG).value).parent
 
 
 def on_set(node: Node, keys: Collection[str], change: Callable[[Mapping[str, Any]], None]) -> None:

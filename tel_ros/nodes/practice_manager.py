@@ -30,9 +30,8 @@ from tel_ros.nodes import qos
 from tel_ros.nodes.command_channel import CompetingPublishers
 from tel_ros.nodes.conversions import to_result_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
-from tel_ros.nodes.parameters import load_parameters, on_set
+from tel_ros.nodes.parameters import declare_resume, load_parameters, on_set
 from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, RunContext
-from tel_ros.nodes.resuming import declare_resume
 from tel_ros.nodes.run_progress import Pause, Progress
 from tel_ros.nodes.runner import run_node
 from tel_ros.nodes.waiting import NoAnswerError, namespace_hint

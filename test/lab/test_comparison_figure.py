@@ -33,8 +33,8 @@ def test_each_panel_has_a_dot_a_method_and_a_tick_an_arm(panels: list[Axes]) -> 
 
 
 def test_what_cannot_be_has_no_dot(panels: list[Axes]) -> None:
-    assert len(points(panels[5], "o")) == 4
-    assert "–" in [text.get_text() for text in panels[5].texts]
+    assert len(points(panels[6], "o")) == 4
+    assert "–" in [text.get_text() for text in panels[6].texts]
 
 
 def test_never_lies_beyond_every_number_and_inside_the_panel(panels: list[Axes]) -> None:
@@ -47,7 +47,7 @@ def test_never_lies_beyond_every_number_and_inside_the_panel(panels: list[Axes])
 def test_rows_are_named(panels: list[Axes]) -> None:
     names = [label.get_text() for label in panels[0].get_yticklabels()]
     assert names[0] == "no learning"
-    assert names[-1] == "exact inverse dynamics ²"
+    assert names[-1] == "exact inverse dynamics ³"
 
 
 def test_files_are_complete_and_equal_for_equal_results(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_the_speed_is_arm_time_over_elapsed_time() -> None:
 
 
 def test_the_terminal_shows_every_method() -> None:
-    console = Console(width=200, record=True, file=io.StringIO())
+    console = Console(width=240, record=True, file=io.StringIO())
     console.print(table(made_up_comparison()).terminal())
     text = console.export_text()
     assert all(title in text for title in by_title())

@@ -17,8 +17,8 @@ from recorded_run import record_run  # noqa: E402
 from tel_ros.core.arm_state import ArmState  # noqa: E402
 from tel_ros.core.control.controller import EpController  # noqa: E402
 from tel_ros.core.errors import BagError  # noqa: E402
+from tel_ros.nodes.controller_services import replay_control  # noqa: E402
 from tel_ros.nodes.conversions import to_goal  # noqa: E402
-from tel_ros.nodes.resuming import replay_control  # noqa: E402
 from tel_ros.recording import topics  # noqa: E402
 from tel_ros.recording.config_file import load_config  # noqa: E402
 from tel_ros.recording.resumption import resumed_config  # noqa: E402
