@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import random
 import socket
 import time
@@ -11,7 +12,10 @@ from contextlib import ExitStack, contextmanager
 
 DOMAINS = range(1, 101)
 """ROS keeps some of the higher ones for the system's own ports."""
-_turn = itertools.cycle(random.sample(DOMAINS, len(DOMAINS)))
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_mine = DOMAINS[_worker :: int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))]
+_turn = itertools.cycle(random.sample(_mine, len(_mine)))
+"""Each worker has domains of its own: what another one has left in one would not be gone yet."""
 
 
 @contextmanager
