@@ -14,13 +14,12 @@ from tel_ros.core.practice.strategy import Movement
 from tel_ros.core.safety.motion_rules import BrakingDistance, MotionLimits, SoftLimits
 from tel_ros.core.safety.rules import EffortRate
 from tel_ros.core.springs import Springs
+from tel_ros.core.trajectories.path_dynamics import PathDynamics, middles
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.time_optimal import (
     Bounds,
     EffortBounds,
-    PathDynamics,
     fastest_minimum_jerk,
-    middles,
     room,
     time_optimal,
 )

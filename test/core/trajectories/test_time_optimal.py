@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.trajectories.path_dynamics import PathDynamics, middles
 from tel_ros.core.trajectories.paths import NAMED_PATHS, Path
 from tel_ros.core.trajectories.time_optimal import (
     Bounds,
     EffortBounds,
-    PathDynamics,
     fastest_minimum_jerk,
-    middles,
     room,
     time_optimal,
 )
