@@ -15,6 +15,7 @@ import yaml
 from tel_ros.core.config import Config
 from tel_ros.core.learning.inputs import query_inputs
 from tel_ros.core.plain_urdf import check_dynamics
+from tel_ros.core.practice.fastest import AT_THE_LIMIT
 from tel_ros.core.practice.learned_timings import VELOCITY_SHARE
 from tel_ros.core.practice.session import PracticeSession, Prediction
 from tel_ros.core.practice.strategies import make_strategy
@@ -28,8 +29,6 @@ from tel_ros.recording.run_folder import CONFIG_FILE, NETWORK_FILE
 from tel_ros.recording.urdf import described
 from tel_ros.recording.waypoint_file import load_path
 
-AT_THE_LIMIT = 0.97
-"""Of what a joint may use: from here on it counts as what limits the movement."""
 _POSTURES = 60
 Offsets = Callable[[FloatArray], FloatArray]
 """Inverse dynamics: from (q, q̇, q̈), shape (n, 3 * n_joints), to u - q in rad."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from tel_ros.app.fastest import AT_THE_LIMIT, by_run, limited_by
+from tel_ros.app.fastest import by_run, limited_by
 from tel_ros.app.plotting import (
     BLUE,
     GREEN,
@@ -23,6 +23,7 @@ from tel_ros.app.report.data import DrawnTrial, RunData
 from tel_ros.app.report.page import Content, block
 from tel_ros.app.report.text import seconds, significant, trial_label
 from tel_ros.core.errors import TelError
+from tel_ros.core.practice.fastest import AT_THE_LIMIT
 from tel_ros.core.practice.learned_timings import VELOCITY_SHARE
 from tel_ros.core.types import FloatArray
 

@@ -19,7 +19,7 @@ _SLOWER_THAN_OPTIMAL = 2.0
 (2.07 in the median over 60 random paths)."""
 _FIRST_GUESS = 4.0
 _LEAST_FIRST = 1.01
-_AT_THE_LIMIT = 0.97
+AT_THE_LIMIT = 0.97
 """Of what a joint may use: from here on it counts as what limits the movement."""
 _HARDLY_FASTER = 1.005
 """Slownesses whose ratio is smaller than this are about the same."""
@@ -218,7 +218,7 @@ class Fastest(AdaptiveExtension):
                 ("velocity", forecast.velocity_rad_s, may_rad_s),
             )
             for part, joint in zip(
-                np.mean(np.abs(values) >= _AT_THE_LIMIT * most, axis=0), self._joints, strict=True
+                np.mean(np.abs(values) >= AT_THE_LIMIT * most, axis=0), self._joints, strict=True
             )
             if part >= 0.01
         ]
