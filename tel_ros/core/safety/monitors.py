@@ -237,14 +237,14 @@ class FirstMotion:
     - a joint that moves away from where it is pulled and gets faster by that. A joint that falls, or that
       another one carries along, gives way less the further it gets: with a constant force it covers each
       further doubling of the distance in 1.41 times the time. One that its spring drives needs the same time,
-      and no longer than the largest inertia that the spring may have to move takes (an unlearned arm that
-      sags slowly under gravity can keep its pace by chance);
+      and no longer than the largest inertia that the spring may have to move takes. An unlearned arm that
+      sags under gravity is slower, or goes on at another pace;
     - efforts that swing from one side to the other faster than an arm moves.
     """
 
     FIRST_RAD = 0.01
     """The distance from which on doublings are timed."""
-    LONGER = 1.15
+    SHORTER, LONGER = 0.8, 1.1
     DOUBLING, MARGIN = 0.93, 1.4
     """Time that x takes to double in I ẍ = K x - B ẋ with a damping ratio of 0.3, in units of √(I / K):
     ln 2 / (√(1 + ζ²) - ζ). A wrong sign of B as well makes it shorter."""
@@ -301,7 +301,7 @@ class FirstMotion:
             if len(times) < 3:
                 continue
             before_s, last_s = times[-2] - times[-3], times[-1] - times[-2]
-            if last_s <= min(self.LONGER * before_s, longest_s):
+            if self.SHORTER * before_s <= last_s <= min(self.LONGER * before_s, longest_s):
                 return True
         return False
 

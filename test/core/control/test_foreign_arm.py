@@ -224,6 +224,26 @@ def test_only_as_fast_as_its_spring_could_drive_it_a_joint_counts_as_running_awa
     assert any("elbow moves away" in words for words in found) == is_driven
 
 
+@pytest.mark.parametrize(
+    ("doublings_s", "is_driven"), [((0.12, 0.12), True), ((0.11, 0.125), False), ((0.8, 0.15), False)]
+)
+def test_a_joint_that_sags_at_an_uneven_pace_does_not_count_as_running_away(
+    doublings_s: tuple[float, float], is_driven: bool
+) -> None:
+    monitor, posture = FirstMotion(arm_config()), np.array(START)
+    monitor.begin(START)
+    first_s, second_s = doublings_s
+    paces_s = [0.0, 2.0 * first_s, 2.0 * first_s + 1.05 * second_s]
+    times_s = np.arange(0.0, paces_s[-1], 0.002)
+    # It doubles twice at the first pace, from half of what counts, and once at the second.
+    away = 0.005 * 2.0 ** np.interp(times_s, paces_s, [0.0, 2.0, 3.05])
+    found = [
+        monitor.look(ArmState(round(1e9 * t), posture + [0.0, x], np.zeros(2)), posture, np.zeros(2))
+        for t, x in zip(times_s, away, strict=True)
+    ]
+    assert any("elbow moves away" in words for words in found) == is_driven
+
+
 def test_an_arm_outside_of_its_range_is_refused_before_anything_moves() -> None:
     rig = Rig("degrees")
     report = rig.run()
