@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solveh_banded
+import scipy  # loads its parts when they are first used: half a second that most processes do without
 
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.trajectories.path_dynamics import INTERVALS, PathDynamics, knots, middles
@@ -234,7 +234,7 @@ def _centred(ds: FloatArray, rows: list[_Rows], weight: float, x: FloatArray) ->
     for _ in range(_NEWTON_STEPS):
         gradient, bands = _derivatives(ds, rows, weight, x)
         step = np.zeros_like(x)
-        step[1:-1] = solveh_banded(bands[:, 1:-1], -gradient[1:-1], lower=True)
+        step[1:-1] = scipy.linalg.solveh_banded(bands[:, 1:-1], -gradient[1:-1], lower=True)
         slope = float(gradient @ step)
         if -slope < 1e-2:
             break
