@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import fault_messages as m
 from fault_judge import Expectation
-from fault_setups import TRIAL_S
+from fault_setups import SETUPS, TRIAL_S
 
 if TYPE_CHECKING:
     from fault_graph import FaultGraph
 
 Act = Callable[["FaultGraph", m.Parameters], None]
-IN_BETWEEN = ("planar", "planar_3", "iiwa")
+IN_BETWEEN = tuple(name for name, setup in SETUPS.items() if setup.in_between)
+GUARDED = tuple(name for name in IN_BETWEEN if SETUPS[name].guarded)
 
 
 @dataclass(frozen=True)

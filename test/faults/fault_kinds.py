@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import fault_messages as m
 from fault_judge import Expectation
-from fault_kind import IN_BETWEEN, Act, Kind
-from fault_setups import COMMAND_AGE_LIMIT_S, WATCHDOG_S
+from fault_kind import GUARDED, IN_BETWEEN, Act, Kind
+from fault_setups import COMMAND_AGE_LIMIT_S, SETUPS, WATCHDOG_S
 from std_msgs.msg import Float64MultiArray
 
 from tel_ros.app.bring_up import MODULES
@@ -19,9 +19,9 @@ from tel_ros.app.bring_up import MODULES
 if TYPE_CHECKING:
     from fault_graph import FaultGraph
 
-LOCKSTEP = ("lockstep", "iiwa_lockstep")
+LOCKSTEP = tuple(name for name, setup in SETUPS.items() if not setup.in_between)
 EVERYWHERE = (*IN_BETWEEN, *LOCKSTEP)
-WHERE = {"arm_guard": IN_BETWEEN}  # an arm in lockstep waits for commands and needs no guard
+WHERE = {"arm_guard": GUARDED}  # an arm in lockstep waits for commands and needs no guard
 OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
 """Nodes that a trial does not need once it has begun."""
 STATES_LOST = (
@@ -156,7 +156,7 @@ _STATES = (
         "A posture beyond the range is refused; otherwise the first approach ends without effort, before the "
         "arm is fast. No other trial follows.",
         says="moves away|swings from side|no brake is tried|outside of its range|has jumped|moves at|is at ",
-        **{"codes": (1, 3), "window_s": None, "setups": ("planar", "planar_3"), "weight": 1.5},
+        **{"codes": (1, 3), "window_s": None, "setups": ("planar", "planar_3", "unguarded"), "weight": 1.5},
     ),
     _state(
         *("time_back", "stamps jump back by 0.15 s to an hour; later forward again"),

@@ -113,6 +113,7 @@ def _setups(rows: Sequence[Row]) -> str:
         how = "lockstep, `run.arm: sim`; the campaign listens"
         if setup.in_between:
             how = "real time, `run.arm: external`; the campaign stands between arm and graph"
+            how += "" if setup.guarded else "; without `arm_guard`"
         n = sum(row.fault.setup == setup.name for row in rows)
         lines += [f"- `{setup.name}`: `config/{setup.config_file.name}`, {how}. {n} faults."] if n else []
     return "\n".join(lines)

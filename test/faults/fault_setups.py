@@ -56,6 +56,7 @@ class Setup:
         weight: how often it is drawn.
         alone: whether no other graph may run beside it on two cores: states that are late for want of a core
             are a fault of their own, and an arm that bears a weight sinks then.
+        guarded: whether ``arm_guard`` watches the commands, where the campaign stands in between.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Setup:
     falls: bool
     weight: float
     alone: bool = False
+    guarded: bool = True
 
     def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
         """Return the configuration of a run, and the settings that make it of the file.
@@ -86,6 +88,7 @@ class Setup:
             f"path.file={waypoints}",
             f"sim.initial_position_rad={start_rad.tolist()}",
             f"run.arm={'external' if self.in_between else 'sim'}",
+            f"safety.guard={'external' if self.guarded else 'never'}",
             f"sim.clock={'realtime' if self.in_between else 'lockstep'}",
             f"control.realtime_priority={PRIORITY if self.in_between else 0}",
         ]
@@ -95,7 +98,8 @@ class Setup:
 SETUPS = {
     setup.name: setup
     for setup in (
-        Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, False, 0.5),
+        Setup("planar", ROOT / "config" / "planar_arm.yaml", True, 0.05, False, 0.3),
+        Setup("unguarded", ROOT / "config" / "planar_arm.yaml", True, 0.05, False, 0.2, guarded=False),
         Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, False, 0.15),
         Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True, 0.1, alone=True),
         Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, False, 0.15),
