@@ -13,6 +13,7 @@ COMMANDS = {
     "bag": "tel_ros.app.bag.command:bag",
     "check": "tel_ros.app.check.command:check",
     "configs": "tel_ros.app.config_argument:configs",
+    "deploy": "tel_ros.app.deploy_command:deploy",
     "fastest": "tel_ros.app.fastest_command:fastest",
     "predict": "tel_ros.app.predict_command:predict",
     "practice": "tel_ros.app.practice_command:practice",
@@ -43,6 +44,7 @@ def main() -> None:
     tel stop                            brake the arm now, from any terminal; `tel reset` ends the stop
     tel report bags/RUN                 its report again; several runs side by side
     tel check my_arm.yaml               does the arm match its configuration? before it moves far
+    tel deploy bags/RUN --out DIR       the practised movement for the stock joint_trajectory_controller
     tel fastest planar_arm              how fast the path could be run, by its URDF or by a run
     tel compare planar_arm              other methods beside it: one table, one figure
     tel sweep planar_arm …              many practice runs over grids of values, one table

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -176,9 +177,17 @@ def test_a_view_whose_terminal_is_closed_ends_and_leaves_nothing(tmp_path: Path)
     pytest.importorskip("viser", reason="needs the extra view")
     command = [sys.executable, "-m", "tel_ros.app.cli", "view", str(PAPER)]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as view:
-        assert view.stdout is not None
-        assert view.stdout.readline().startswith("view    http://")
-        assert list(tmp_path.glob("tel_view_*"))
-        view.send_signal(signal.SIGHUP)
+    # Under nohup, where whoever runs the tests may be, it would outlive its terminal.
+    hears = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, text=True, preexec_fn=hears
+    ) as view:
+        try:
+            assert view.stdout is not None
+            assert view.stdout.readline().startswith("view    http://")
+            assert list(tmp_path.glob("tel_view_*"))
+            view.send_signal(signal.SIGHUP)
+            view.wait(timeout=30.0)
+        finally:
+            view.kill()
     assert (view.returncode, list(tmp_path.iterdir())) == (0, [])

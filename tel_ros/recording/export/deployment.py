@@ -1,0 +1,308 @@
+"""A practised movement for ros2_control's joint_trajectory_controller: a folder that needs no tel_ros.
+
+With an effort command interface that controller commands ff_velocity_scale ẏ + τ + p (y - q) + d (ẏ - q̇),
+where τ is the effort of the trajectory one period h later. With p = K, d = B and ff_velocity_scale = 0 this
+is K (û - q) - B q̇, the law of practice, if τ = K (û - y) - B ẏ: what springs exert in the desired state.
+
+In practice that was held for a period T of its own, and acted T / 2 later in the mean, which the network has
+learned to make up for. The controller's acts h / 2 before its time. So efforts come (T + h) / 2 later here.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.core.springs import Springs
+from tel_ros.core.trial import TrialReport
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.recording import topics
+from tel_ros.recording.bag_format import offered_qos, to_cdr
+from tel_ros.recording.bag_writer import BagWriter
+from tel_ros.recording.run_folder import is_run_folder, read_summary, trial_bag, written_config
+from tel_ros.recording.summary import TrialRow
+from tel_ros.recording.trial_bag import read_topic
+
+CONTROLLER = "joint_trajectory_controller"
+TRAJECTORY, GAINS, CLIENT, README = "trajectory.yaml", "controllers.yaml", "run_movement.py", "README.md"
+LOST_SHARE = 0.1
+"""How far û may be from the practised one where efforts are interpolated between points, as a share of the
+tolerance of practice."""
+GOAL_TIME_S = 1.0
+_LONGEST_ARGUMENT = 131_000
+"""Bytes of one argument of a command on Linux."""
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """A movement as it was practised. Arrays of shape (n, n_joints), or (n_joints,) for the arm."""
+
+    joints: tuple[str, ...]
+    springs: Springs
+    report: TrialReport
+    tolerance_rad: float
+    path_tolerance_rad: float
+    effort_limit_nm: FloatArray
+    time_ns: IntArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+    effort_nm: FloatArray
+
+    def message(self) -> dict[str, Any]:
+        """Return the trajectory_msgs/JointTrajectory, as plain values."""
+        arrays = self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2, self.effort_nm
+        keys = "positions", "velocities", "accelerations", "effort"
+        points = []
+        # Nine digits are nanoradians.
+        digits = [[[float(f"{v:.9g}") for v in row] for row in each.tolist()] for each in arrays]
+        for time_ns, *rows in zip(self.time_ns.tolist(), *digits, strict=True):
+            sec, nanosec = divmod(time_ns, NS_PER_S)
+            values = dict(zip(keys, rows, strict=True))
+            points.append({**values, "time_from_start": {"sec": sec, "nanosec": nanosec}})
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}  # a stamp of 0: at once
+        return {"header": header, "joint_names": list(self.joints), "points": points}
+
+
+def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment:
+    """Return the fastest movement of a run that was practised within its tolerance, or that of one trial.
+
+    ``rate_hz``: of the controller, whose set points come one period ahead.
+
+    Raises:
+        InputFileError: there is no such run or trial, it goes on, or what it practised is not good enough.
+        ConfigError: the arm takes positions, not efforts.
+        BagError: the bag of the trial is missing or damaged.
+    """
+    if not is_run_folder(run):
+        raise InputFileError(run, "is no practice run", "the folder of one")
+    config, summary = written_config(run), read_summary(run)
+    if (interface := config.arm.command_interface) != "effort":
+        raise ConfigError("arm.command_interface", interface, "effort: points carry efforts", str(run))
+    if summary["outcome"] == "running":
+        raise InputFileError(run, "the run goes on, or was interrupted", "one that has ended")
+    rows = [row for row in map(TrialRow.from_plain, summary["trials"]) if trial in (None, row.index)]
+    if not rows:
+        missing = "has no trial" if trial is None else f"has no trial {trial}"
+        raise InputFileError(run, missing, f"one of {len(summary['trials'])}")
+    is_whole = config.practice.vary == ("speed",)
+    tolerance_rad = config.practice.tolerance_rad
+    good = [
+        row
+        for row in rows
+        if row.completed and row.rms_error_rad <= tolerance_rad and (is_whole or row.alpha >= 1.0)
+    ]
+    if not good:
+        last = rows[-1]
+        rms = f"{1e3 * last.rms_error_rad:.2f} mrad RMS" if last.reached_run else "did not reach its movement"
+        found = f"trial {last.index} ({last.outcome.text}, {last.duration_s:.3g} s): {rms}"
+        expected = f"a completed one within practice.tolerance_rad = {1e3 * tolerance_rad:g} mrad"
+        raise InputFileError(run, found, f"{expected}; practise on")
+    best = min(good, key=lambda row: (row.duration_s, row.rms_error_rad))
+    ((_, goal),) = read_topic(trial_bag(run, best.index), topics.TRIAL_GOAL)
+    order = [list(goal.joint_names).index(joint) for joint in config.arm.joints]
+
+    def column(name: str) -> FloatArray:
+        values: FloatArray = np.array(getattr(goal, name), dtype=np.float64)
+        return values.reshape(-1, len(order))[:, order]
+
+    springs = Springs.of(config.arm)
+    if len(goal.stiffness_nm_per_rad):
+        springs = Springs(column("stiffness_nm_per_rad")[0], column("damping_nms_per_rad")[0])
+    position, velocity = column("position_rad"), column("velocity_rad_s")
+    velocity[[0, -1]] = 0.0  # the controller refuses a trajectory that ends with the least velocity
+    limit_nm = np.array(config.arm.effort_limit_nm)
+    goal_ns = np.array(goal.time_ns, dtype=np.int64)
+    # One point more: the last is held, and efforts end later than positions.
+    period_ns, practised_ns = round(NS_PER_S / rate_hz), round(NS_PER_S / config.control.rate_hz)
+    time_ns = np.append(goal_ns, goal_ns[-1] + period_ns + practised_ns)
+
+    exerted_nm = springs.effort(column("equilibrium_rad"), position, velocity).clip(-limit_nm, limit_nm)
+    at_ns = time_ns - 0.5 * (period_ns + practised_ns)
+    effort = np.column_stack([np.interp(at_ns, goal_ns, each) for each in exerted_nm.T])
+    position, velocity, acceleration = (
+        np.vstack([each, last])
+        for each, last in (
+            (position, position[-1:]),
+            (velocity, velocity[-1:]),
+            (column("acceleration_rad_s2"), np.zeros((1, len(order)))),
+        )
+    )
+    kept = thinned(time_ns, effort / springs.stiffness_nm_per_rad, LOST_SHARE * tolerance_rad)
+    return Deployment(
+        config.arm.joints,
+        springs,
+        best,
+        tolerance_rad,
+        config.control.path_tolerance_rad,
+        limit_nm,
+        time_ns[kept],
+        *(values[kept] for values in (position, velocity, acceleration, effort)),
+    )
+
+
+def thinned(time_ns: IntArray, values: FloatArray, lost: float) -> IntArray:
+    """Return the points to keep, evenly, so that straight lines between them lose no more than ``lost``.
+
+    Positions lose less: quintic splines go through them. Shapes (n,), (n, n_joints) and (n_kept,).
+    """
+    n = len(time_ns)
+    for every in range(50, 1, -1):
+        kept = np.unique(np.append(np.arange(0, n, every), n - 1))
+        lines = np.column_stack([np.interp(time_ns, time_ns[kept], column[kept]) for column in values.T])
+        if np.max(np.abs(lines - values)) <= lost:
+            return kept
+    return np.arange(n)
+
+
+def deploy(movement: Deployment, out: Path) -> None:
+    """Write the folder; InputFileError: it exists or cannot be written, and nothing is left of it then."""
+    if out.exists():
+        raise InputFileError(out, "exists already", "a name that is free")
+    try:
+        out.mkdir(parents=True)
+        # JSON is YAML, and a shell hands it on as it is.
+        text = json.dumps(movement.message(), allow_nan=False).replace('{"positions"', '\n{"positions"')
+        (out / TRAJECTORY).write_text(text + "\n", encoding="utf-8")
+        (out / GAINS).write_text(yaml.safe_dump(_gains(movement), sort_keys=False), encoding="utf-8")
+        (out / CLIENT).write_text(_CLIENT, encoding="utf-8")
+        (out / README).write_text(_readme(movement, len(text)), encoding="utf-8")
+        with BagWriter(out / "bag", {"movement": "a practised movement"}) as bag:
+            topic = f"/{CONTROLLER}/joint_trajectory"
+            bag.add_topic(topic, _TYPE, [offered_qos(topic, latched=False)])
+            bag.write(topic, 0, to_cdr(_TYPE, movement.message()))
+    except BaseException as error:
+        shutil.rmtree(out, ignore_errors=True)
+        if isinstance(error, OSError):
+            expected = "a folder that can be written"
+            raise InputFileError(out, f"cannot be written ({error.strerror})", expected) from error
+        raise
+
+
+_TYPE = "trajectory_msgs/msg/JointTrajectory"
+
+
+def goal_tolerance_rad(movement: Deployment) -> float:
+    """Return how far a joint may be off at the end: three times the largest error that was practised."""
+    return max(3.0 * movement.report.max_error_rad, movement.tolerance_rad)
+
+
+def _gains(movement: Deployment) -> dict[str, Any]:
+    stiffness, damping = movement.springs.stiffness_nm_per_rad, movement.springs.damping_nms_per_rad
+    gains = {
+        joint: {"p": float(k), "i": 0.0, "d": float(b), "i_clamp": 0.0, "ff_velocity_scale": 0.0}
+        for joint, k, b in zip(movement.joints, stiffness, damping, strict=True)
+    }
+    tolerances = {"trajectory": movement.path_tolerance_rad, "goal": goal_tolerance_rad(movement)}
+    return {
+        CONTROLLER: {
+            "ros__parameters": {
+                "joints": list(movement.joints),
+                "command_interfaces": ["effort"],
+                "state_interfaces": ["position", "velocity"],
+                "gains": gains,
+                "constraints": {
+                    "goal_time": GOAL_TIME_S,
+                    **{joint: dict(tolerances) for joint in movement.joints},
+                },
+            }
+        }
+    }
+
+
+def _readme(movement: Deployment, size: int) -> str:
+    report, n = movement.report, len(movement.time_ns)
+    start = ", ".join(
+        f"{joint} {q:.4f}" for joint, q in zip(movement.joints, movement.position_rad[0], strict=True)
+    )
+    rows = zip(
+        movement.joints,
+        report.rms_error_per_joint_rad,
+        report.max_effort_nm,
+        movement.effort_limit_nm,
+        strict=True,
+    )
+    table = "\n".join(
+        f"| {joint} | {1e3 * rms:.2f} | {effort:.3g} | {limit:g} |" for joint, rms, effort, limit in rows
+    )
+    action = f"/{CONTROLLER}/follow_joint_trajectory"
+    line = f"ros2 action send_goal {action} control_msgs/action/FollowJointTrajectory \\\n"
+    line += f'        "{{trajectory: $(cat {TRAJECTORY})}}"'
+    if size > _LONGEST_ARGUMENT:
+        line = f"python3 {CLIENT}    # {size / 1e3:.0f} kB are too many for a command line"
+    clipped = math.isfinite(report.saturated_ratio) and report.saturated_ratio > 0.0
+    warning = (
+        f" The safety layer changed the effort in {report.saturated_ratio:.1%} of its states."
+        if clipped
+        else ""
+    )
+    rms_mrad, tolerance_mrad = 1e3 * report.rms_error_rad, 1e3 * movement.tolerance_rad
+    most_mrad, path_rad, goal_rad = (
+        1e3 * report.max_error_rad,
+        movement.path_tolerance_rad,
+        goal_tolerance_rad(movement),
+    )
+    return f"""# A practised movement of {movement.time_ns[-1] / NS_PER_S:.3f} s
+
+Trial {report.index} of a practice run, {n} points. Expected, with what the arm carried then:
+{rms_mrad:.2f} mrad RMS (tolerance {tolerance_mrad:g}), at most {most_mrad:.1f} mrad.{warning}
+
+| joint | RMS error, mrad | largest effort, N·m | limit, N·m |
+| --- | --- | --- | --- |
+{table}
+
+1. Load `{GAINS}` into a `{CONTROLLER}` with an effort command interface. The gains are
+   part of the movement: with others it is not the one that was practised.
+2. Bring the arm to rest at the start: {start} rad.
+3. Run it, in this folder:
+
+        {line}
+
+   or `python3 {CLIENT}`, which also says how it ended; or play `bag`, which publishes it on
+   `/{CONTROLLER}/joint_trajectory` at once, without result.
+
+The controller aborts if a joint is more than {path_rad:g} rad off, or {goal_rad:.3g} rad at the end. After an
+abort or a cancellation it holds with p and d alone, **without these efforts**: an arm that does not
+compensate its own weight sags by its torque over p, or falls.
+"""
+
+
+_CLIENT = f'''"""Run the movement in {TRAJECTORY} and say how it ended.
+
+Needs rclpy, control_msgs and rosidl_runtime_py.
+"""
+
+import pathlib
+import sys
+
+import rclpy
+import yaml
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionClient
+from rosidl_runtime_py import set_message_fields
+
+goal = FollowJointTrajectory.Goal()
+file = pathlib.Path(__file__).parent / "{TRAJECTORY}"
+set_message_fields(goal.trajectory, yaml.safe_load(file.read_text()))
+rclpy.init()
+node = rclpy.create_node("practised_movement")
+client = ActionClient(node, FollowJointTrajectory, "{CONTROLLER}/follow_joint_trajectory")
+if not client.wait_for_server(timeout_sec=5.0):
+    sys.exit("there is no {CONTROLLER}")
+sent = client.send_goal_async(goal)
+rclpy.spin_until_future_complete(node, sent)
+if not sent.result().accepted:
+    sys.exit("the goal was rejected; the controller's log says why")
+done = sent.result().get_result_async()
+rclpy.spin_until_future_complete(node, done)
+result = done.result().result
+sys.exit(f"error {{result.error_code}}: {{result.error_string}}" if result.error_code else None)
+'''

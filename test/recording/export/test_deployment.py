@@ -1,0 +1,156 @@
+"""``tel deploy``: the practised movement through the law of ros2_control's joint_trajectory_controller."""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from rosbags.highlevel import AnyReader
+from scipy.interpolate import BPoly
+
+from sim_bridge.arm import SimulatedArm
+from tel_ros.app.cli import main
+from tel_ros.core.types import NS_PER_S
+from tel_ros.recording.export.deployment import LOST_SHARE, Deployment, deploy, practised, thinned
+from tel_ros.recording.resumption import resumed_config
+from tel_ros.recording.trial_bag import read_trial
+
+SAMPLE_RUN = Path(__file__).parents[3] / "bags" / "sample_run"
+RATE_HZ = 1000.0
+
+
+def told(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["deploy", *map(str, arguments)])
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The sample run, whose second and last trial has 102 mrad RMS, with a tolerance that this keeps."""
+    folder = shutil.copytree(SAMPLE_RUN, tmp_path / "run")
+    config = yaml.safe_load((folder / "run.yaml").read_text())
+    config["practice"] |= {"tolerance_rad": 0.15, "step_tolerance_rad": 0.15}
+    (folder / "run.yaml").write_text(yaml.safe_dump(config))
+    return folder
+
+
+def executed(folder: Path, run: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return times [s] and positions of the simulated arm under the controller, from the deployed files."""
+    points = yaml.safe_load((folder / "trajectory.yaml").read_text())["points"]
+    gains = yaml.safe_load((folder / "controllers.yaml").read_text())
+    gains = gains["joint_trajectory_controller"]["ros__parameters"]["gains"]
+    p, d = (np.array([joint[key] for joint in gains.values()]) for key in "pd")
+    assert not any(joint["i"] or joint["ff_velocity_scale"] for joint in gains.values())
+    at = [point["time_from_start"] for point in points]
+    time_s = np.array([each["sec"] + each["nanosec"] / NS_PER_S for each in at])
+    kinds = ("positions", "velocities", "accelerations", "effort")
+    y, dy, ddy, effort = (np.array([point[kind] for point in points]) for kind in kinds)
+    spline = BPoly.from_derivatives(time_s, np.stack([y, dy, ddy], axis=1))
+    config = resumed_config(run)
+    sim = replace(config.sim, initial_position_rad=tuple(y[0]))
+    times, seen = np.arange(0.0, time_s[-1], 1.0 / RATE_HZ), []
+    with SimulatedArm(config.arm, sim, rate_hz=RATE_HZ, seed=5) as arm:
+        for t in times:
+            reading = arm.reading()
+            q, dq = np.array(reading.position_rad), np.array(reading.velocity_rad_s)
+            ahead = min(t + 1.0 / RATE_HZ, time_s[-1])
+            point = [np.interp(ahead, time_s, column) for column in effort.T]
+            arm.step(tuple(point + p * (spline(t) - q) + d * (spline(t, 1) - dq)))
+            seen.append(q)
+    return times, np.array(seen)
+
+
+def test_the_stock_controller_moves_the_arm_as_practice_did(run: Path, tmp_path: Path) -> None:
+    result = told(run, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["trial"]["index"] == 2
+    time_s, position_rad = executed(tmp_path / "out", run)
+    trial = read_trial(run / "trial_002")
+    practised_rad = [np.interp(time_s, trial.time_s[trial.run], q) for q in trial.position_rad[trial.run].T]
+    apart_rad = position_rad - np.column_stack(practised_rad)
+    assert np.sqrt(np.mean(apart_rad**2)) < 0.005 < trial.report.rms_error_rad / 10.0
+
+
+def test_the_bag_holds_the_same_trajectory_as_the_file(run: Path, tmp_path: Path) -> None:
+    assert told(run, "--out", tmp_path / "out").exit_code == 0
+    with AnyReader([tmp_path / "out" / "bag"]) as reader:
+        ((connection, _, raw),) = reader.messages()
+        message = reader.deserialize(raw, connection.msgtype)
+    assert connection.topic == "/joint_trajectory_controller/joint_trajectory"
+    in_file = yaml.safe_load((tmp_path / "out" / "trajectory.yaml").read_text())
+    assert message.joint_names == in_file["joint_names"] == ["shoulder", "elbow"]
+    for point, told_point in zip(message.points, in_file["points"], strict=True):
+        assert point.effort.tolist() == told_point["effort"]
+        assert point.positions.tolist() == told_point["positions"]
+    assert not any(message.points[-1].velocities), "the controller refuses to end in motion"
+
+
+def test_readme_and_client_fit_the_trajectory(run: Path, tmp_path: Path) -> None:
+    assert told(run, "--out", tmp_path / "out").exit_code == 0
+    text = (tmp_path / "out" / "README.md").read_text()
+    assert "101.76 mrad RMS (tolerance 150)" in text
+    assert "ros2 action send_goal" in text and "$(cat trajectory.yaml)" in text
+    assert "send_goal_async" in ast.unparse(ast.parse((tmp_path / "out" / "run_movement.py").read_text()))
+
+
+def large(movement: Deployment) -> Deployment:
+    n = 4000
+    arrays = ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "effort_nm")
+    values = {name: np.full((n, 2), 1.0 / 3.0) for name in arrays}
+    return replace(movement, time_ns=np.arange(n, dtype=np.int64), **values)
+
+
+def test_a_trajectory_that_no_command_line_takes_is_run_by_its_client(run: Path, tmp_path: Path) -> None:
+    deploy(large(practised(run, rate_hz=RATE_HZ)), tmp_path / "out")
+    text = (tmp_path / "out" / "README.md").read_text()
+    assert "send_goal" not in text and "python3 run_movement.py" in text
+
+
+def test_only_so_many_points_are_left_out_as_the_tolerance_allows(run: Path) -> None:
+    movement = practised(run, rate_hz=RATE_HZ)
+    trial = read_trial(run / "trial_002")
+    assert 2 < len(movement.time_ns) < trial.run.sum()
+    values = np.sin(np.linspace(0.0, 6.0, 500))[:, None]
+    time_ns = np.arange(500, dtype=np.int64)
+    for lost in (1e-2, 1e-3):
+        kept = thinned(time_ns, values, lost)
+        line = np.interp(time_ns, time_ns[kept], values[kept, 0])
+        assert kept[0] == 0 and kept[-1] == 499 and 0.3 * lost < np.max(np.abs(line - values[:, 0])) <= lost
+    assert len(thinned(time_ns, np.random.default_rng(1).normal(size=(500, 1)), LOST_SHARE * 0.005)) == 500
+
+
+def test_what_was_not_practised_is_refused_and_nothing_is_written(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def refused(*arguments: object) -> str:
+        result = told(*arguments, "--out", out)
+        assert result.exit_code == 2 and not out.exists(), result.output
+        return result.stderr
+
+    assert "trial 2 (completed, 3 s): 101.76 mrad RMS; expected a completed one within" in refused(SAMPLE_RUN)
+    assert "trial 1 (completed, 3.5 s): 302.27 mrad RMS" in refused(run, "--trial", 1)
+    assert "has no trial 7; expected one of 2" in refused(run, "--trial", 7)
+    assert "is no practice run" in refused(tmp_path / "nowhere")
+    summary = json.loads((run / "summary.json").read_text())
+    (run / "summary.json").write_text(json.dumps({**summary, "outcome": "running"}))
+    assert "the run goes on, or was interrupted" in refused(run)
+    (run / "summary.json").write_text(json.dumps(summary))
+    config = yaml.safe_load((run / "run.yaml").read_text())
+    config["arm"]["command_interface"] = "position"
+    (run / "run.yaml").write_text(yaml.safe_dump(config))
+    assert "arm.command_interface is 'position'; expected effort" in refused(run)
+
+
+def test_a_damaged_bag_and_a_folder_that_is_there_are_refused(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    assert "exists already" in told(run, "--out", tmp_path / "there").stderr
+    data = next((run / "trial_002").glob("*.mcap"))
+    data.write_bytes(data.read_bytes()[:-100])
+    result = told(run, "--out", tmp_path / "out")
+    assert result.exit_code == 2 and "trial_002" in result.stderr and not (tmp_path / "out").exists()
