@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from tel_ros.app.tables import show
+from tel_ros.core.errors import ConfigError
 
 
 @click.command()
@@ -18,7 +19,7 @@ from tel_ros.app.tables import show
 @click.option("--trial", type=click.IntRange(min=1), help="Which. Default: the fastest within the tolerance.")
 @click.option(
     "--rate-hz",
-    type=click.FloatRange(min=1.0, max=1e5),
+    type=float,
     default=1000.0,
     show_default=True,
     help="update_rate of the controller manager.",
@@ -35,6 +36,8 @@ def deploy(run: Path, out: Path, trial: int | None, rate_hz: float, as_json: boo
     from tel_ros.recording.export.deployment import practised
     from tel_ros.recording.run_folder import json_ready
 
+    if not 1.0 <= rate_hz <= 1e5:
+        raise ConfigError("--rate-hz", rate_hz, "1 to 100,000")
     movement = practised(run, rate_hz, trial)
     write(movement, out)
     report = movement.report

@@ -62,8 +62,8 @@ class Deployment:
         arrays = self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2, self.effort_nm
         keys = "positions", "velocities", "accelerations", "effort"
         points = []
-        # Nine digits are nanoradians.
-        digits = [[[float(f"{v:.9g}") for v in row] for row in each.tolist()] for each in arrays]
+        # Seven digits are finer than any encoder, and short enough for a command line.
+        digits = [[[float(f"{v:.7g}") for v in row] for row in each.tolist()] for each in arrays]
         for time_ns, *rows in zip(self.time_ns.tolist(), *digits, strict=True):
             sec, nanosec = divmod(time_ns, NS_PER_S)
             values = dict(zip(keys, rows, strict=True))
@@ -170,7 +170,9 @@ def deploy(movement: Deployment, out: Path) -> None:
     try:
         out.mkdir(parents=True)
         # JSON is YAML, and a shell hands it on as it is.
-        text = json.dumps(movement.message(), allow_nan=False).replace('{"positions"', '\n{"positions"')
+        text = json.dumps(movement.message(), allow_nan=False, separators=(",", ":")).replace(
+            '{"positions"', '\n{"positions"'
+        )
         (out / TRAJECTORY).write_text(text + "\n", encoding="utf-8")
         (out / GAINS).write_text(yaml.safe_dump(_gains(movement), sort_keys=False), encoding="utf-8")
         (out / CLIENT).write_text(_CLIENT, encoding="utf-8")
@@ -250,7 +252,7 @@ def _readme(movement: Deployment, size: int) -> str:
         movement.path_tolerance_rad,
         goal_tolerance_rad(movement),
     )
-    return f"""# A practised movement of {movement.time_ns[-1] / NS_PER_S:.3f} s
+    return f"""# A practised movement of {report.duration_s:.3f} s
 
 Trial {report.index} of a practice run, {n} points. Expected, with what the arm carried then:
 {rms_mrad:.2f} mrad RMS (tolerance {tolerance_mrad:g}), at most {most_mrad:.1f} mrad.{warning}

@@ -136,6 +136,8 @@ def test_what_was_not_practised_is_refused_and_nothing_is_written(run: Path, tmp
     assert "trial 2 (completed, 3 s): 101.76 mrad RMS; expected a completed one within" in refused(SAMPLE_RUN)
     assert "trial 1 (completed, 3.5 s): 302.27 mrad RMS" in refused(run, "--trial", 1)
     assert "has no trial 7; expected one of 2" in refused(run, "--trial", 7)
+    for rate_hz in ("nan", "0", "inf"):
+        assert f"--rate-hz is {float(rate_hz)}; expected 1 to 100,000" in refused(run, "--rate-hz", rate_hz)
     assert "is no practice run" in refused(tmp_path / "nowhere")
     summary = json.loads((run / "summary.json").read_text())
     (run / "summary.json").write_text(json.dumps({**summary, "outcome": "running"}))
