@@ -115,7 +115,7 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
         return values.reshape(-1, len(order))[:, order]
 
     springs = Springs.of(config.arm)
-    if len(goal.stiffness_nm_per_rad):
+    if len(getattr(goal, "stiffness_nm_per_rad", ())):  # bags of earlier versions have no such field
         springs = Springs(column("stiffness_nm_per_rad")[0], column("damping_nms_per_rad")[0])
     position, velocity = column("position_rad"), column("velocity_rad_s")
     velocity[[0, -1]] = 0.0  # the controller refuses a trajectory that ends with the least velocity
