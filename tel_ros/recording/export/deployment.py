@@ -46,6 +46,7 @@ class Deployment:
     """A movement as it was practised. Arrays of shape (n, n_joints), or (n_joints,) for the arm."""
 
     joints: tuple[str, ...]
+    rate_hz: float
     springs: Springs
     report: TrialReport
     tolerance_rad: float
@@ -139,6 +140,7 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     kept = thinned(time_ns, effort / springs.stiffness_nm_per_rad, LOST_SHARE * tolerance_rad)
     return Deployment(
         config.arm.joints,
+        rate_hz,
         springs,
         best,
         tolerance_rad,
@@ -261,8 +263,8 @@ Trial {report.index} of a practice run, {n} points. Expected, with what the arm 
 | --- | --- | --- | --- |
 {table}
 
-1. Load `{GAINS}` into a `{CONTROLLER}` with an effort command interface. The gains are
-   part of the movement: with others it is not the one that was practised.
+1. Load `{GAINS}` into a `{CONTROLLER}` with an effort command interface, at
+   {movement.rate_hz:g} Hz. Gains and rate are part of the movement: with others it is not the practised one.
 2. Bring the arm to rest at the start: {start} rad.
 3. Run it, in this folder:
 
@@ -289,12 +291,13 @@ import rclpy
 import yaml
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
+from rclpy.signals import SignalHandlerOptions
 from rosidl_runtime_py import set_message_fields
 
 goal = FollowJointTrajectory.Goal()
 file = pathlib.Path(__file__).parent / "{TRAJECTORY}"
 set_message_fields(goal.trajectory, yaml.safe_load(file.read_text()))
-rclpy.init()
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # after Ctrl-C there is a goal to cancel
 node = rclpy.create_node("practised_movement")
 client = ActionClient(node, FollowJointTrajectory, "{CONTROLLER}/follow_joint_trajectory")
 if not client.wait_for_server(timeout_sec=5.0):
@@ -304,7 +307,11 @@ rclpy.spin_until_future_complete(node, sent)
 if not sent.result().accepted:
     sys.exit("the goal was rejected; the controller's log says why")
 done = sent.result().get_result_async()
-rclpy.spin_until_future_complete(node, done)
+try:
+    rclpy.spin_until_future_complete(node, done)
+except KeyboardInterrupt:
+    rclpy.spin_until_future_complete(node, sent.result().cancel_goal_async(), timeout_sec=1.0)
+    sys.exit("interrupted: the controller was asked to stop and hold")
 result = done.result().result
 sys.exit(f"error {{result.error_code}}: {{result.error_string}}" if result.error_code else None)
 '''

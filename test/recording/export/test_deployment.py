@@ -95,6 +95,7 @@ def test_readme_and_client_fit_the_trajectory(run: Path, tmp_path: Path) -> None
     assert told(run, "--out", tmp_path / "out").exit_code == 0
     text = (tmp_path / "out" / "README.md").read_text()
     assert "101.76 mrad RMS (tolerance 150)" in text
+    assert "at\n   1000 Hz" in text
     assert "ros2 action send_goal" in text and "$(cat trajectory.yaml)" in text
     assert "send_goal_async" in ast.unparse(ast.parse((tmp_path / "out" / "run_movement.py").read_text()))
 
