@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from tel_ros.core.config import Config
+from tel_ros.core.errors import InputFileError
 from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.recording.config_file import to_plain
-from tel_ros.recording.run_folder import write_summary
+from tel_ros.recording.run_folder import SUMMARY_FILE, read_summary, write_summary
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +66,21 @@ class TrialRow(TrialReport):
     def reached_run(self) -> bool:
         """Whether it reached its movement: the error is known from RUN alone."""
         return math.isfinite(self.rms_error_rad)
+
+
+def read_rows(folder: Path) -> tuple[tuple[TrialRow, ...], str, str]:
+    """Return the trials in the summary of a run, its outcome and its message.
+
+    Raises:
+        InputFileError: there is no summary, or it is not readable.
+    """
+    summary = read_summary(folder)
+    try:
+        trials = tuple(TrialRow.from_plain(row) for row in summary["trials"])
+        return trials, str(summary.get("outcome", "unknown")), str(summary.get("message") or "")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        found = "not readable: its trials do not have what a trial has"
+        raise InputFileError(folder / SUMMARY_FILE, found, "the summary of a practice run") from error
 
 
 class RunSummary:

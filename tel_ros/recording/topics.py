@@ -52,6 +52,7 @@ START_RECORDING = "trial_recorder/start"
 STOP_RECORDING = "trial_recorder/stop"
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 RECORDED_LIVE = {
     JOINT_STATES: JOINT_STATE,
     CONTROL_STATES: "tel_interfaces/msg/ControlState",

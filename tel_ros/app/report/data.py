@@ -17,8 +17,8 @@ from tel_ros.core.kinematics import SerialChain
 from tel_ros.core.types import FloatArray, evenly_spaced
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE, read_summary
-from tel_ros.recording.summary import TrialRow
+from tel_ros.recording.run_folder import CONFIG_FILE, SUMMARY_FILE
+from tel_ros.recording.summary import TrialRow, read_rows
 from tel_ros.recording.trial_bag import RecordedTrial, check_bag, read_trial
 from tel_ros.recording.urdf import described
 
@@ -105,16 +105,12 @@ def read_run(folder: Path) -> RunData:
     InputFileError: there is no summary, no configuration or no trial. ConfigError: the configuration is
     wrong.
     """
-    file, summary = folder / SUMMARY_FILE, read_summary(folder)
-    try:
-        trials = tuple(TrialRow.from_plain(row) for row in summary["trials"])
-        outcome, message = str(summary.get("outcome", "unknown")), str(summary.get("message") or "")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        found = "not readable: its trials do not have what a trial has"
-        raise InputFileError(file, found, "the summary of a practice run") from error
+    trials, outcome, message = read_rows(folder)
     if not trials:
         why = f": {message}" if message else ""
-        raise InputFileError(file, f"holds no trial{why}", "a run with at least one trial to report on")
+        raise InputFileError(
+            folder / SUMMARY_FILE, f"holds no trial{why}", "a run with at least one trial to report on"
+        )
     config = load_config(folder / CONFIG_FILE)
     drawn, drawable, notes = _drawn(folder, trials, config.arm.joints)
     notes += [

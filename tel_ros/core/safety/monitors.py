@@ -245,6 +245,7 @@ class FirstMotion:
     FIRST_RAD = 0.01
     """The distance from which on doublings are timed."""
     SHORTER, LONGER = 0.8, 1.1
+    """How long a doubling has to take, by the one before it, to be the spring's."""
     DOUBLING, MARGIN = 0.93, 1.4
     """Time that x takes to double in I ẍ = K x - B ẋ with a damping ratio of 0.3, in units of √(I / K):
     ln 2 / (√(1 + ζ²) - ζ). A wrong sign of B as well makes it shorter."""

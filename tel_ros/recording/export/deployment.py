@@ -11,7 +11,6 @@ learned to make up for. The controller's acts h / 2 before its time. So efforts 
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,8 +26,8 @@ from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import offered_qos, to_cdr
 from tel_ros.recording.bag_writer import BagWriter
-from tel_ros.recording.run_folder import is_run_folder, read_summary, trial_bag, written_config
-from tel_ros.recording.summary import TrialRow
+from tel_ros.recording.run_folder import is_run_folder, trial_bag, written_config
+from tel_ros.recording.summary import read_rows
 from tel_ros.recording.trial_bag import read_topic
 
 CONTROLLER = "joint_trajectory_controller"
@@ -85,15 +84,16 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     """
     if not is_run_folder(run):
         raise InputFileError(run, "is no practice run", "the folder of one")
-    config, summary = written_config(run), read_summary(run)
+    config, (trials, outcome, _) = written_config(run), read_rows(run)
     if (interface := config.arm.command_interface) != "effort":
         raise ConfigError("arm.command_interface", interface, "effort: points carry efforts", str(run))
-    if summary["outcome"] == "running":
-        raise InputFileError(run, "the run goes on, or was interrupted", "one that has ended")
-    rows = [row for row in map(TrialRow.from_plain, summary["trials"]) if trial in (None, row.index)]
+    if outcome == "running":
+        expected = "one that has ended (tel practice --resume)"
+        raise InputFileError(run, "the run goes on, or was interrupted", expected)
+    rows = [row for row in trials if trial in (None, row.index)]
     if not rows:
         missing = "has no trial" if trial is None else f"has no trial {trial}"
-        raise InputFileError(run, missing, f"one of {len(summary['trials'])}")
+        raise InputFileError(run, missing, f"one of {len(trials)}")
     is_whole = config.practice.vary == ("speed",)
     tolerance_rad = config.practice.tolerance_rad
     good = [
@@ -119,7 +119,6 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     if len(getattr(goal, "stiffness_nm_per_rad", ())):  # bags of earlier versions have no such field
         springs = Springs(column("stiffness_nm_per_rad")[0], column("damping_nms_per_rad")[0])
     position, velocity = column("position_rad"), column("velocity_rad_s")
-    velocity[[0, -1]] = 0.0  # the controller refuses a trajectory that ends with the least velocity
     limit_nm = np.array(config.arm.effort_limit_nm)
     goal_ns = np.array(goal.time_ns, dtype=np.int64)
     # One point more: the last is held, and efforts end later than positions.
@@ -129,14 +128,8 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     exerted_nm = springs.effort(column("equilibrium_rad"), position, velocity).clip(-limit_nm, limit_nm)
     at_ns = time_ns - 0.5 * (period_ns + practised_ns)
     effort = np.column_stack([np.interp(at_ns, goal_ns, each) for each in exerted_nm.T])
-    position, velocity, acceleration = (
-        np.vstack([each, last])
-        for each, last in (
-            (position, position[-1:]),
-            (velocity, velocity[-1:]),
-            (column("acceleration_rad_s2"), np.zeros((1, len(order)))),
-        )
-    )
+    desired = [np.vstack([each, each[-1:]]) for each in (position, velocity, column("acceleration_rad_s2"))]
+    desired[2][-1] = 0.0
     kept = thinned(time_ns, effort / springs.stiffness_nm_per_rad, LOST_SHARE * tolerance_rad)
     return Deployment(
         config.arm.joints,
@@ -147,7 +140,7 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
         config.control.path_tolerance_rad,
         limit_nm,
         time_ns[kept],
-        *(values[kept] for values in (position, velocity, acceleration, effort)),
+        *(values[kept] for values in (*desired, effort)),
     )
 
 
@@ -181,8 +174,8 @@ def deploy(movement: Deployment, out: Path) -> None:
         (out / README).write_text(_readme(movement, len(text)), encoding="utf-8")
         with BagWriter(out / "bag", {"movement": "a practised movement"}) as bag:
             topic = f"/{CONTROLLER}/joint_trajectory"
-            bag.add_topic(topic, _TYPE, [offered_qos(topic, latched=False)])
-            bag.write(topic, 0, to_cdr(_TYPE, movement.message()))
+            bag.add_topic(topic, topics.JOINT_TRAJECTORY, [offered_qos(topic)])
+            bag.write(topic, 0, to_cdr(topics.JOINT_TRAJECTORY, movement.message()))
     except BaseException as error:
         shutil.rmtree(out, ignore_errors=True)
         if isinstance(error, OSError):
@@ -191,10 +184,7 @@ def deploy(movement: Deployment, out: Path) -> None:
         raise
 
 
-_TYPE = "trajectory_msgs/msg/JointTrajectory"
-
-
-def goal_tolerance_rad(movement: Deployment) -> float:
+def _goal_tolerance_rad(movement: Deployment) -> float:
     """Return how far a joint may be off at the end: three times the largest error that was practised."""
     return max(3.0 * movement.report.max_error_rad, movement.tolerance_rad)
 
@@ -205,7 +195,7 @@ def _gains(movement: Deployment) -> dict[str, Any]:
         joint: {"p": float(k), "i": 0.0, "d": float(b), "i_clamp": 0.0, "ff_velocity_scale": 0.0}
         for joint, k, b in zip(movement.joints, stiffness, damping, strict=True)
     }
-    tolerances = {"trajectory": movement.path_tolerance_rad, "goal": goal_tolerance_rad(movement)}
+    tolerances = {"trajectory": movement.path_tolerance_rad, "goal": _goal_tolerance_rad(movement)}
     return {
         CONTROLLER: {
             "ros__parameters": {
@@ -242,18 +232,10 @@ def _readme(movement: Deployment, size: int) -> str:
     line += f'        "{{trajectory: $(cat {TRAJECTORY})}}"'
     if size > _LONGEST_ARGUMENT:
         line = f"python3 {CLIENT}    # {size / 1e3:.0f} kB are too many for a command line"
-    clipped = math.isfinite(report.saturated_ratio) and report.saturated_ratio > 0.0
-    warning = (
-        f" The safety layer changed the effort in {report.saturated_ratio:.1%} of its states."
-        if clipped
-        else ""
-    )
+    ratio = report.saturated_ratio
+    warning = f" The safety layer changed the effort in {ratio:.1%} of its states." if ratio > 0.0 else ""
     rms_mrad, tolerance_mrad = 1e3 * report.rms_error_rad, 1e3 * movement.tolerance_rad
-    most_mrad, path_rad, goal_rad = (
-        1e3 * report.max_error_rad,
-        movement.path_tolerance_rad,
-        goal_tolerance_rad(movement),
-    )
+    most_mrad, goal_rad = 1e3 * report.max_error_rad, _goal_tolerance_rad(movement)
     return f"""# A practised movement of {report.duration_s:.3f} s
 
 Trial {report.index} of a practice run, {n} points. Expected, with what the arm carried then:
@@ -273,9 +255,9 @@ Trial {report.index} of a practice run, {n} points. Expected, with what the arm 
    or `python3 {CLIENT}`, which also says how it ended; or play `bag`, which publishes it on
    `/{CONTROLLER}/joint_trajectory` at once, without result.
 
-The controller aborts if a joint is more than {path_rad:g} rad off, or {goal_rad:.3g} rad at the end. After an
-abort or a cancellation it holds with p and d alone, **without these efforts**: an arm that does not
-compensate its own weight sags by its torque over p, or falls.
+The controller aborts if a joint is more than {movement.path_tolerance_rad:g} rad off,
+or {goal_rad:.3g} rad at the end. After an abort or a cancellation it holds with p and d alone,
+**without these efforts**: an arm that does not compensate its own weight sags by its torque over p, or falls.
 """
 
 

@@ -24,9 +24,8 @@ from tel_ros.recording.foreign.csv_files import read_csv_recording
 from tel_ros.recording.foreign.plausible import JointRange, require_plausible
 from tel_ros.recording.foreign.renaming import Renaming, advice
 from tel_ros.recording.joint_states import Stamped, merged_states
-from tel_ros.recording.topics import JOINT_STATE
+from tel_ros.recording.topics import JOINT_STATE, JOINT_TRAJECTORY
 
-JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 BAG_FILES = (".bag", *DATA_FILES)
 _EXPECTED = "a bag with sensor_msgs/JointState or trajectory_msgs/JointTrajectory with efforts"
 
