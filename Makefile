@@ -95,7 +95,7 @@ $(PACKAGES): $(CREATED) setup.py constraints.txt
 
 BUILD_FILES := tools/build_interfaces.sh tools/wheel_include_paths.cmake
 $(INTERFACES): $(CREATED) constraints.txt $(INTERFACE_FILES) $(BUILD_FILES) | $(PACKAGES)
-	@echo "Building tel_interfaces: about a minute"
+	@echo "Building tel_interfaces and control_msgs: about two minutes"
 	@tools/build_interfaces.sh $(VENV)
 	@touch $@
 

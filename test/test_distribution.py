@@ -78,21 +78,23 @@ def test_the_wheel_offers_tel_and_says_what_it_needs(wheel: zipfile.ZipFile) -> 
 
 
 @pytest.mark.timeout(300)
-def test_the_wheel_of_the_interfaces_has_modules_libraries_and_index(tmp_path: Path) -> None:
+def test_the_wheels_of_the_interfaces_have_modules_libraries_and_index(tmp_path: Path) -> None:
     pytest.importorskip("tel_interfaces")
     if sys.prefix == sys.base_prefix:
         pytest.skip("made from a virtual environment; a ROS installation builds the package with colcon")
     command = [sys.executable, str(ROOT / "tools" / "interfaces_wheel.py"), str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=250)
     assert run.returncode == 0, run.stderr
-    names = zipfile.ZipFile(run.stdout.strip()).namelist()
-    data = f"tel_interfaces-{tel_ros.__version__}.data/data"
-    for kind in ("action", "msg", "srv"):
-        for file in (ROOT / "interfaces" / kind).iterdir():
-            assert f"{data}/share/tel_interfaces/{kind}/{file.name}" in names
-    assert f"{data}/lib/libtel_interfaces__rosidl_typesupport_fastrtps_c.so" in names
-    assert f"{data}/share/ament_index/resource_index/packages/tel_interfaces" in names
-    assert "tel_interfaces/msg/__init__.py" in names
+    folders = {"tel_interfaces": ROOT / "interfaces", "control_msgs": ROOT / "interfaces" / "control_msgs"}
+    for (name, source), wheel in zip(folders.items(), run.stdout.split(), strict=True):
+        names = zipfile.ZipFile(wheel).namelist()
+        version = ElementTree.parse(source / "package.xml").findtext("version")
+        data = f"{name}-{version}.data/data"
+        for file in (file for kind in ("action", "msg", "srv") for file in source.glob(f"{kind}/*")):
+            assert f"{data}/share/{name}/{file.relative_to(source)}" in names
+        assert f"{data}/lib/lib{name}__rosidl_typesupport_fastrtps_c.so" in names
+        assert f"{data}/share/ament_index/resource_index/packages/{name}" in names
+        assert f"{name}/msg/__init__.py" in names
 
 
 def test_the_version_is_the_same_wherever_it_is_written() -> None:
