@@ -45,9 +45,14 @@ class ArmConfig(Checked):
     """Empty: from the URDF."""
     velocity_limit_rad_s: tuple[Positive, ...] = ()
     """A faster joint aborts the trial. Empty: from the URDF."""
-    command_interface: Literal["effort", "position"] = "effort"
+    command_interface: Literal["effort", "position", "trajectory"] = "effort"
     """``effort``: the arm takes efforts. ``position``: its drives are the springs and dampers, with the
-    stiffness and damping above, and take equilibrium points."""
+    stiffness and damping above, and take equilibrium points. ``trajectory``: they are the gains p and d of a
+    ``joint_trajectory_controller``, which takes whole trials as trajectories with efforts."""
+    trajectory_controller: str = "joint_trajectory_controller"
+    """``trajectory``: name of that controller; relative to the namespace."""
+    controller_rate_hz: NonNegative = 0.0
+    """``trajectory``: update rate of its controller_manager. 0: ``control.rate_hz``."""
     set_point_speed_rad_s: tuple[Positive, ...] = ()
     """``position``: speed limit of the equilibrium points that are sent. Empty: ``velocity_limit_rad_s``."""
 

@@ -207,8 +207,8 @@ class Config(Checked):
 
     @property
     def is_guarded(self) -> bool:
-        """Whether a run of this configuration starts the guard; position drives hold by themselves."""
-        if self.arm.command_interface == "position":
+        """Whether a run of this configuration starts the guard; what takes no efforts holds by itself."""
+        if self.arm.command_interface != "effort":
             return False
         if self.safety.guard == "external":
             return self.run.arm == "external"
@@ -230,8 +230,9 @@ class Config(Checked):
         self.require(abs(periods - round(periods)) < 1e-6, "sim.command_delay_s", expected)
         expected = "'external' or 'never' with sim.clock lockstep: its arm waits for each command"
         self.require(guard != "always" or not self.arm_waits_for_commands, "safety.guard", expected)
-        expected = "'external' or 'never' with arm.command_interface position: the drives hold in silence"
-        self.require(guard != "always" or self.arm.command_interface == "effort", "safety.guard", expected)
+        interface = self.arm.command_interface
+        expected = f"'external' or 'never' with arm.command_interface {interface}: it holds in silence"
+        self.require(guard != "always" or interface == "effort", "safety.guard", expected)
         self.safety.require_fits(self.arm)
         sim.require_one_per_joint(self.arm.joints, "sim.")
         practice, path = self.practice, self.path
@@ -243,8 +244,9 @@ class Config(Checked):
         else:
             self.require(not known, key, "nothing, because practice.vary has no shape")
         if "stiffness" in practice.vary:
-            expected = "no stiffness, because arm.command_interface is 'position': it is the drive's"
-            self.require(self.arm.command_interface == "effort", "practice.vary", expected)
+            whose = "the drive's" if interface == "position" else "the controller's"
+            expected = f"no stiffness, because arm.command_interface is '{interface}': it is {whose}"
+            self.require(interface == "effort", "practice.vary", expected)
             most = self.control.max_stiffness_factor
             expected = f"at most control.max_stiffness_factor = {most}"
             self.require(practice.first_stiffness <= most, "practice.first_stiffness", expected)

@@ -79,9 +79,9 @@ class Tick(NamedTuple):
     effort_nm: FloatArray
     saturated: BoolArray
 
-    def command(self, interface: Literal["effort", "position"]) -> FloatArray:
+    def command(self, interface: Literal["effort", "position", "trajectory"]) -> FloatArray:
         """Return what the arm gets: efforts in N·m, or equilibrium points in rad. Shape (n_joints,)."""
-        return self.effort_nm if interface == "effort" else self.equilibrium_rad
+        return self.equilibrium_rad if interface == "position" else self.effort_nm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,8 @@ All but two are relative: a node's namespace and remapping rules apply to them, 
 side by side. A bag holds them with the namespace in front (:func:`absolute`).
 """
 
+from tel_ros.core.config import ArmConfig
+
 JOINT_STATES = "joint_states"
 """sensor_msgs/JointState, as stock ``joint_state_broadcaster`` publishes it."""
 EFFORT_COMMANDS = "effort_controller/commands"
@@ -15,7 +17,15 @@ ARM_GUARD = "arm_guard"
 POSITION_COMMANDS = "position_controller/commands"
 """std_msgs/Float64MultiArray, as a stock ``ForwardCommandController`` of positions takes it."""
 COMMANDS = {"effort": EFFORT_COMMANDS, "position": POSITION_COMMANDS}
-"""``arm.command_interface`` to topic."""
+"""``arm.command_interface`` to topic, where every state has a command of its own."""
+JOINT_TRAJECTORY_COMMANDS = "joint_trajectory"
+"""trajectory_msgs/JointTrajectory, below a ``joint_trajectory_controller``: goals that nobody answers for."""
+FOLLOW_JOINT_TRAJECTORY = "follow_joint_trajectory"
+"""control_msgs/FollowJointTrajectory, an action: goals that it answers for."""
+CONTROLLER_STATE = "controller_state"
+"""control_msgs/JointTrajectoryControllerState: what it wants, sees and commands."""
+PASSED = "ep_controller/passed"
+"""builtin_interfaces/Time: the newest state that was dealt with, for a simulation that waits for it."""
 CONTROL_STATES = "ep_controller/state"
 READY = "ep_controller/ready"
 """std_msgs/Bool, latched: the controller is active, joint states arrive, somebody listens to its commands."""
@@ -60,13 +70,20 @@ RECORDED_LIVE = {
 """Taken from the graph while a trial runs: topic to type."""
 
 RECORDED_COMMANDS = dict.fromkeys(COMMANDS.values(), "std_msgs/msg/Float64MultiArray")
-"""Likewise; a trial has one of them."""
+"""Likewise; a trial has one of them, or none where a controller follows trajectories."""
 
 RECORDED_ONCE = {
     TRIAL_GOAL: "tel_interfaces/msg/TrialGoal",
     TRIAL_RESULT: "tel_interfaces/msg/TrialResult",
 }
 """Written into each bag once, at its beginning or end: topic to type."""
+
+
+def commands(arm: ArmConfig) -> str:
+    """Return the topic on which an arm takes commands: efforts, set points or trajectories."""
+    if arm.command_interface == "trajectory":
+        return f"{arm.trajectory_controller}/{JOINT_TRAJECTORY_COMMANDS}"
+    return COMMANDS[arm.command_interface]
 
 
 def private(topic: str) -> str:
