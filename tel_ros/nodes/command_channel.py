@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
@@ -26,7 +24,7 @@ class CommandChannel:
     the newest state. Empty: the stamp.
     """
 
-    def __init__(self, node: Node, interface: Literal["effort", "position"], author: str = "") -> None:
+    def __init__(self, node: Node, interface: str, author: str = "") -> None:
         self._node, self._interface, self._author = node, interface, author
         self._source: SafetyLayer | SetPointGuard | None = None
         self._newest: bytes | None = None
