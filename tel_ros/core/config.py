@@ -188,6 +188,22 @@ class RecordingConfig(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ServeConfig(Checked):
+    """Trajectories of others, executed by ``feedforward_controller``: docs/how-to/serve.md."""
+
+    tolerance_rad: Positive = 5e-3
+    """A trajectory is run as requested if an RMS error up to this is expected."""
+    may_slow_down: bool = True
+    """Whether others are run slower, by what it takes to be sure of that error; false: they are refused."""
+    most_slowdown: Factor = 4.0
+    """How many times slower than requested at most; so slow is what nothing is known of."""
+    start_tolerance_rad: Positive = 0.05
+    """How far the first point of a trajectory may be from where a joint is."""
+    bags: Count = 100
+    """How many recordings of executions are kept; the oldest are deleted."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Config(Checked):
     """Everything that defines a practice run."""
 
@@ -200,6 +216,7 @@ class Config(Checked):
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     sim: SimConfig = field(default_factory=SimConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
+    serve: ServeConfig = field(default_factory=ServeConfig)
     seed: Annotated[int, Range(0)] = 1
     """Of everything random (at present the sensor noise of the simulated arm)."""
     versions: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""Trajectories of others, executed with what has been learned: learning in service."""
