@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import tel_ros.nodes  # noqa: F401 - first: whether ROS can start
 
 # isort: split
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -16,7 +19,8 @@ from std_msgs.msg import Float64MultiArray
 
 from sim_bridge.arm import CommandError, SimulatedArm
 from sim_bridge.resuming import replay_arm
-from sim_bridge.timing import Pacer, Stillness
+from sim_bridge.timing import Allowance, Pacer, Stillness
+from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import StateError
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
@@ -28,10 +32,15 @@ from tel_ros.nodes.parameters import declare_resume, load_parameters
 from tel_ros.nodes.realtime import apply_realtime_options
 from tel_ros.nodes.runner import run_node
 from tel_ros.recording import topics
-from tel_ros.recording.cdr import CommandNumbers, JointStateLayout
+from tel_ros.recording.cdr import CommandNumbers, JointStateLayout, header_stamp_ns
+
+if TYPE_CHECKING:
+    from sim_bridge.trajectory_server import TrajectoryServer
 
 REPEAT_PERIOD_S = 0.05
 LOCKSTEP_TURN_PERIOD_S = 0.2
+WAIT_S, IDLE_S = 0.002, 0.02
+"""How long a goal, and how long anything else, may wait while no period may pass."""
 REST_SPEED_RAD_S = 0.05
 STOP_SILENCE_S = 0.3
 LONGEST_STALL_S = 2.0
@@ -39,7 +48,7 @@ NOTEWORTHY_STALL_S = 0.02
 COMPLAINT_PERIOD_S = 1.0
 CLOCK_PERIOD_NS = 10_000_000
 RESTS = (
-    "the recorded commands do not lead to the recorded states: the arm rests where it was last, "
+    "what is recorded does not lead to the recorded states: the arm rests where it was last, "
     "and the run will not be equal to one without interruption"
 )
 
@@ -55,6 +64,11 @@ class SimBridgeNode(Node):
     while the arm moves (:class:`~sim_bridge.timing.Stillness`), this counts as silence.
 
     On silence the effort goes to zero and the arm coasts, in both; position drives hold the last set point.
+
+    With ``arm.command_interface: trajectory`` a stand-in for the arm's joint_trajectory_controller runs in
+    this process and makes the commands (:class:`~sim_bridge.trajectory_server.TrajectoryServer`). Then
+    ``lockstep`` means that time passes as fast as it can while there is a trajectory to follow or the arm
+    moves, but not faster than a client takes it that says so (:class:`~sim_bridge.timing.Allowance`).
     """
 
     def __init__(self) -> None:
@@ -62,11 +76,13 @@ class SimBridgeNode(Node):
         config = load_parameters(self, "arm", "control", "sim", "seed")
         self._sim = config.sim
         self._lockstep = config.sim.clock == "lockstep"
-        self._period_s = 1.0 / config.control.rate_hz
-        new_arm = partial(
-            SimulatedArm, config.arm, config.sim, rate_hz=config.control.rate_hz, seed=config.seed
-        )
-        command_topic = topics.COMMANDS[config.arm.command_interface]
+        follows = config.arm.command_interface == "trajectory"
+        control = config.control
+        if follows and config.arm.controller_rate_hz:
+            control = replace(control, rate_hz=config.arm.controller_rate_hz)
+        self._period_s = 1.0 / control.rate_hz
+        new_arm = partial(SimulatedArm, config.arm, config.sim, rate_hz=control.rate_hz, seed=config.seed)
+        command_topic = topics.commands(config.arm)
         self._start_ns = 0
         if (run := declare_resume(self)) is None:
             self._arm = new_arm()
@@ -84,12 +100,12 @@ class SimBridgeNode(Node):
         self._read_command = command_reader()
         self._command: Sequence[float] | None = None
         self._silent_periods = 0
-        self._watchdog_periods = round(config.sim.watchdog_s * config.control.rate_hz)
+        self._watchdog_periods = round(config.sim.watchdog_s * control.rate_hz)
         self._oldest_ns = round(config.sim.command_age_limit_s * NS_PER_S)
         self._stepped_at = time.monotonic()
         self._commanded_at = 0.0
         self._coasting = False
-        self._stillness = Stillness(config.control)
+        self._stillness = Stillness(control)
         self._on_silence = "effort is zero, the arm coasts"
         if config.arm.command_interface == "position":
             self._on_silence = "the drives hold the last set point"
@@ -98,10 +114,18 @@ class SimBridgeNode(Node):
         self._clock_pub, self._clock_due_ns = None, 0
         if config.sim.publish_clock:
             self._clock_pub = self.create_publisher(Clock, topics.CLOCK, qos.STREAM)
-        on_command = partial(self._hear, self._on_command_in_lockstep if self._lockstep else self._on_command)
-        self.busy_subscriptions = [busy_subscription(self, Float64MultiArray, command_topic, on_command)]
+        self._controller: TrajectoryServer | None = None
+        if follows:
+            self._start_controller(config.arm, control.rate_hz)
+        else:
+            on_command = self._on_command_in_lockstep if self._lockstep else self._on_command
+            hear = partial(self._hear, on_command)
+            self.busy_subscriptions = [busy_subscription(self, Float64MultiArray, command_topic, hear)]
         apply_realtime_options(self, config.control)
-        if self._lockstep:
+        if self._lockstep and follows:
+            self.pace, self.turn_period_s = self, 0.0
+            self.create_timer(REPEAT_PERIOD_S, self._look, clock=STEADY)
+        elif self._lockstep:
             # While commands keep coming nothing else is urgent, and each turn of it holds the graph up.
             self.turn_period_s = LOCKSTEP_TURN_PERIOD_S
             self.create_timer(REPEAT_PERIOD_S, self._repeat, clock=STEADY)
@@ -127,6 +151,19 @@ class SimBridgeNode(Node):
         self._arm.close()
         super().destroy_node()
 
+    def _start_controller(self, arm: ArmConfig, rate_hz: float) -> None:
+        # Late: most arms need no control_msgs.
+        from sim_bridge.trajectory_server import TrajectoryServer
+
+        self._stamp_ns = self._start_ns + self._arm.time_ns
+        self._controller = TrajectoryServer(
+            arm, rate_hz, self.get_namespace(), self._arm.reading(), self._stamp_ns
+        )
+        self.companions = [self._controller]
+        self._allowance = Allowance(self._period_s, self._sim.lockstep_timeout_s, qos.STATES_AHEAD)
+        self._has_client, self._idle_s = False, IDLE_S
+        self.busy_subscriptions = [busy_subscription(self, Time, topics.PASSED, self._on_passed)]
+
     def _publish(self) -> None:
         reading = self._arm.reading()
         self._stamp_ns = self._start_ns + reading.time_ns
@@ -148,7 +185,7 @@ class SimBridgeNode(Node):
 
     def _health(self) -> Health:
         """Say whether commands come; without them nothing but friction brakes the arm."""
-        silent = self._coasting if self._lockstep else self._command is None
+        silent = self._controller is None and (self._coasting if self._lockstep else self._command is None)
         values = {
             "clock": self._sim.clock,
             "arm_time_s": (self._stamp_ns - self._start_ns) / NS_PER_S,
@@ -176,14 +213,18 @@ class SimBridgeNode(Node):
     @property
     def deadline_s(self) -> float:
         """When the next period ends."""
+        if self._lockstep:
+            return time.monotonic() + self._idle_s
         return self._pacer.deadline_s
 
     def keep(self) -> None:
         """Let the periods pass that have ended, and publish the state after them."""
+        if self._lockstep and self._controller is not None:
+            return self._go_ahead(self._controller)
         due = self._pacer.due(time.monotonic())
         if not due.periods:
             return
-        commanded = self._command is not None
+        commanded = self._command is not None or self._controller is not None
         for _ in range(due.periods):
             self._pass_period()
         late_s = (due.periods - 1) * self._period_s + due.skipped_s
@@ -194,9 +235,12 @@ class SimBridgeNode(Node):
                 throttle_duration_sec=COMPLAINT_PERIOD_S,
             )
         self._start_ns += round(due.skipped_s * NS_PER_S)
-        self._publish()
+        if self._controller is None:
+            self._publish()
 
     def _pass_period(self) -> None:
+        if self._controller is not None:
+            return self._follow(self._controller)
         if self._command is None:
             self._arm.coast()
             return
@@ -244,6 +288,33 @@ class SimBridgeNode(Node):
             self.get_logger().info("the arm has come to rest")
             self._coasting = False
             self._coast_timer.cancel()
+
+    # With a trajectory controller.
+
+    def _follow(self, controller: TrajectoryServer) -> None:
+        """Let a period pass, and tell each state: none is too late for a command."""
+        self._arm.step(controller.answer(self._arm.reading(), self._stamp_ns))
+        self._publish()
+
+    def _go_ahead(self, controller: TrajectoryServer) -> None:
+        """Let the periods pass that may, in lockstep."""
+        busy = controller.moves or not self._stillness.stands_still
+        periods = self._allowance.periods(
+            self._stamp_ns, time.monotonic(), has_client=self._has_client, busy=busy
+        )
+        for _ in range(periods):
+            self._follow(controller)
+            self._stillness.add(self._arm.reading().position_rad)
+        self._idle_s = 0.0 if periods else WAIT_S if busy else IDLE_S
+
+    def _on_passed(self, raw: bytes) -> None:
+        self._allowance.hear(header_stamp_ns(raw), time.monotonic())
+
+    def _look(self) -> None:
+        """See whether there is a client that says how far it is; repeat the state while none passes."""
+        self._has_client = self.busy_subscriptions[0].get_publisher_count() > 0
+        if self._idle_s:
+            self._publish()
 
 
 main = partial(run_node, SimBridgeNode)

@@ -7,6 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 from tel_ros.core.config import ControlConfig, JointValues
+from tel_ros.core.types import NS_PER_S
 
 
 class Due(NamedTuple):
@@ -45,6 +46,41 @@ class Pacer:
         self._passed += ended
         periods = min(ended, self._most)
         return Due(periods, (ended - periods) * self._period_s)
+
+
+class Allowance:
+    """How many periods may pass at once in lockstep, where no state has a command of its own.
+
+    A client may say up to which state it has dealt with what it was told (:meth:`hear`): then the arm is a
+    few states ahead of it, so that nothing that was told is lost, and waits. If the client says nothing more
+    for ``timeout_s`` while the arm has something to do, periods pass as in real time. Without such a client
+    they pass as fast as they can while there is something to do.
+    """
+
+    MOST = 32
+
+    def __init__(self, period_s: float, timeout_s: float, ahead: int) -> None:
+        self._period_s, self._timeout_s, self._ahead = period_s, timeout_s, ahead
+        self._allowed_ns: int | None = None
+        self._waits_since = self._passed_at = -math.inf
+
+    def hear(self, stamp_ns: int, now_s: float) -> None:
+        """Take in the stamp of the newest state that the client has dealt with."""
+        self._allowed_ns = stamp_ns + round(self._ahead * self._period_s * NS_PER_S)
+        self._waits_since = now_s
+
+    def periods(self, stamp_ns: int, now_s: float, *, has_client: bool, busy: bool) -> int:
+        """Return how many may pass after the state with this stamp; ``busy``: there is something to do."""
+        n = self.MOST if busy and not has_client else 0
+        if has_client and self._allowed_ns is not None:
+            n = min(self.MOST, round((self._allowed_ns - stamp_ns) / NS_PER_S / self._period_s))
+        if not busy:
+            self._waits_since = now_s
+        elif n <= 0 and now_s - self._waits_since >= self._timeout_s:
+            n = int(now_s - self._passed_at >= self._period_s)
+        if n > 0:
+            self._passed_at = now_s
+        return max(0, n)
 
 
 class Stillness:

@@ -45,6 +45,11 @@ def to_time(ns: int) -> Time:
     return Time(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
 
 
+def to_duration(ns: int) -> Duration:
+    """Return nanoseconds as a duration."""
+    return Duration(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
+
+
 def to_array(values: FloatArray) -> array[float]:
     """Return doubles in the form that messages take without looking at each of them."""
     return array("d", values.tobytes())
@@ -96,7 +101,7 @@ def to_trajectory_message(joints: Sequence[str], times_ns: IntArray, **fields: F
     """Return a trajectory message; ``fields`` of its points, each of shape (n, n_joints)."""
     points = [
         JointTrajectoryPoint(
-            time_from_start=Duration(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S),
+            time_from_start=to_duration(ns),
             **{name: to_array(values[k]) for name, values in fields.items()},
         )
         for k, ns in enumerate(times_ns.tolist())

@@ -30,3 +30,6 @@ EVERYTHING = _reliable(2 * _BACKLOG)
 """For recording: what was missed comes all at once, and the stream goes on meanwhile."""
 EVENTS = _reliable(10)
 """For what happens now and then."""
+
+STATES_AHEAD = 32
+"""How far a simulation that waits goes beyond the newest state that its client says to have dealt with."""

@@ -77,12 +77,12 @@ def run_node(
 ) -> None:
     """Run a node until SIGINT, SIGTERM or SIGHUP; then let it stop in good order, and exit.
 
-    A node may have ``busy_subscriptions``, ``batch_s`` and ``turn_period_s`` for them, a ``pace`` (see
-    :func:`spin_hot`), and ``serve``, which is called in every turn. One with ``stop()`` and ``stopped`` is
-    spun on until it has stopped, for 3 s at most: rclpy's own signal handlers would not let a controller send
-    its last command. Signals that come meanwhile change nothing. After that it has 3 s left, whatever the
-    middleware does: Fast DDS sometimes blocks for ever. The exit code is 2 if the node cannot use what it is
-    given.
+    A node may have ``companions``, other nodes of the process; ``busy_subscriptions``, ``batch_s`` and
+    ``turn_period_s`` for them, a ``pace`` (see :func:`spin_hot`); and ``serve``, which is called in every
+    turn. One with ``stop()`` and ``stopped`` is spun on until it has stopped, for 3 s at most: rclpy's own
+    signal handlers would not let a controller send its last command. Signals that come meanwhile change
+    nothing. After that it has 3 s left, whatever the middleware does: Fast DDS sometimes blocks for ever. The
+    exit code is 2 if the node cannot use what it is given.
     """
     take_order()
     try:
@@ -122,7 +122,8 @@ def _run(make_node: Callable[[], Node], make_executor: Callable[[], Executor]) -
             require_log_folder()
         start_ros(sys.argv)
         node, executor = make_node(), make_executor()
-        executor.add_node(node)
+        for each in (node, *getattr(node, "companions", ())):
+            executor.add_node(each)
         ClockWatch(node)
         # What exists by now stays: looking through it again and again would hold the loop up.
         gc.freeze()

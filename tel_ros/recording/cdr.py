@@ -244,6 +244,41 @@ class ControlStateLayout(_Layout):
         )
 
 
+class ControllerStateLayout(_Layout):
+    """``control_msgs/JointTrajectoryControllerState`` of one arm whose command is an effort."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        super().__init__()
+        n = len(joints)
+        self.header()
+        self.length(n, _MOST_NAMES)
+        for joint in joints:
+            self.text(joint)
+        # How many positions, velocities, accelerations and efforts: reference, feedback, error, output.
+        for lengths in ((n, n, n, 0), (n, n, 0, 0), (n, n, 0, 0), (0, 0, 0, n)):
+            for length in lengths:
+                self.sequence(length)
+            self.changing("i")
+            self.changing("I")
+        # No joints of several degrees of freedom: no names, and of each of four points three empty sequences
+        # and no time.
+        for _ in range(1 + 4 * 5):
+            self.length(0, 0)
+        self.changing("d")
+        self.finish()
+
+    def packed(self, stamp_ns: int, since_ns: int, *rows: Sequence[float]) -> bytes:
+        """Return a message; ``since_ns``: from the start of the trajectory.
+
+        ``rows``: reference (position, velocity, acceleration), feedback, error (position, velocity), effort.
+        """
+        stamp, since, zero = ([(part,) for part in divmod(ns, NS_PER_S)] for ns in (stamp_ns, since_ns, 0))
+        y, dy, ddy, q, dq, e, de, effort = rows
+        reference, feedback = (y, dy, ddy, (), *since), (q, dq, (), (), *since)
+        error, output = (e, de, (), (), *zero), ((), (), (), effort, *zero)
+        return self.pack(*stamp, *reference, *feedback, *error, *output, (1.0,))
+
+
 def message_reader(kind: type[Any], otherwise: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
     """Return a reader of messages, most of which have the layout (of class ``kind``) of the one before.
 
