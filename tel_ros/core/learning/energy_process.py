@@ -10,7 +10,8 @@ viscous and Coulomb friction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -20,8 +21,15 @@ from scipy.linalg.lapack import dpstrf
 from tel_ros.core.learning.rigid_body import COULOMB_SPEED_RAD_S
 from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
-_SHAPE = 0.7
-"""b of the correlation 1 + b cos(q - q'): how much of an inertia may depend on a joint, a priori."""
+FIRST_SHAPE = 0.7
+"""b of the correlation 1 + b cos(q - q') until samples have told."""
+_SHAPED_OUTPUTS = 600
+"""From about so many shapes are chosen."""
+_SHAPE_STEP = 3.0
+_SHAPES = (0.005, 1.0)
+"""Least and largest."""
+_SHAPING_ROUNDS = (3, 1)
+"""At first and later; each tries one step either way, joint by joint."""
 _TUNED_OUTPUTS = 300
 """From about so many the prior is tuned."""
 _ROUNDS = (25, 8)
@@ -56,7 +64,8 @@ class Prior:
     """Variances of what is not known. Shapes (n_joints,).
 
     ``inertia`` of M_jj; that of M_pk is the geometric mean of two. ``potential`` of each link's, which
-    depends on all joints up to its own. ``noise`` of an output.
+    depends on all joints up to its own. ``noise`` of an output. ``shape`` is no variance, but b of the
+    correlation 1 + b cos(q - q') of a joint: how much may depend on it, a priori.
     """
 
     inertia: FloatArray
@@ -64,6 +73,7 @@ class Prior:
     viscous: FloatArray
     coulomb: FloatArray
     noise: FloatArray
+    shape: FloatArray
 
 
 @dataclass(frozen=True)
@@ -93,7 +103,7 @@ class EnergyKernel:
         torque = output * self.unit
         friction = 0.1 * torque**2
         inertia, viscous = (torque / acceleration) ** 2, friction / speed**2
-        return Prior(inertia, torque**2, viscous, friction, (0.03 * output) ** 2)
+        return Prior(inertia, torque**2, viscous, friction, (0.03 * output) ** 2, np.full(len(output), FIRST_SHAPE))
 
     def covariance(
         self,
@@ -114,7 +124,7 @@ class EnergyKernel:
         root = np.sqrt(prior.inertia)
         variances = (np.outer(root, root), prior.potential, prior.viscous, prior.coulomb)
         found = polynomial_kernels.covariance(
-            states, others, weights / self.unit, self.slides, _SHAPE, *variances, apart
+            states, others, weights / self.unit, self.slides, prior.shape, *variances, apart
         )
         found /= np.tile(self.unit, len(states))[:, None]
         return found
@@ -132,15 +142,15 @@ class EnergyKernel:
         to (the MM algorithm for variance components: Zhou, Hu, Zhou and Lange, J. Comput. Graph. Stat. 28,
         2019), which needs no step size. None falls to 0: the variance before counts as an observation.
         """
-        some, n, n_rounds = samples.about(_TUNED_OUTPUTS), len(self.unit), _ROUNDS[prior is not None]
-        prior = prior or self.first_prior(samples)
+        some, n, later = samples.about(_TUNED_OUTPUTS), len(self.unit), prior is not None
+        prior = self._shaped(prior or self.first_prior(samples), samples, _SHAPING_ROUNDS[later])
         parts, outputs = self.among(prior, some.states, apart=True), some.outputs.ravel()
         pairs = np.column_stack(np.triu_indices(n))
         involved = 0.5 * (pairs[:, :1] == np.arange(n)) + 0.5 * (pairs[:, 1:] == np.arange(n))
         scale, noise, weight = np.ones(4 * n), prior.noise, some.weight.ravel()
         joint = np.tile(np.arange(n), len(some.states))
         least = (_LEAST_NOISE * np.sqrt(np.mean(some.outputs**2, axis=0)) + 1e-12) ** 2
-        for _ in range(n_rounds):
+        for _ in range(_ROUNDS[later]):
             factor = np.concatenate([np.exp(involved @ np.log(scale[:n])), scale[n:]])
             total = np.tensordot(factor, parts, 1)
             total[np.diag_indices_from(total)] += noise[joint] / weight
@@ -157,7 +167,35 @@ class EnergyKernel:
             noise = np.maximum(noise * np.sqrt(left), least)
         known = (prior.inertia, prior.potential, prior.viscous, prior.coulomb)
         inertia, potential, viscous, coulomb = map(np.multiply, known, np.split(scale, 4))
-        return Prior(inertia, potential, viscous, coulomb, noise)
+        return Prior(inertia, potential, viscous, coulomb, noise, prior.shape)
+
+    def _shaped(self, prior: Prior, samples: Samples, n_rounds: int) -> Prior:
+        """Return a prior whose shapes make the outputs more likely.
+
+        An inertia that depends on all joints as much as it can is what most arms do not have: of seven joints
+        each new path would show something never seen.
+        """
+        some = samples.about(_SHAPED_OUTPUTS)
+        best = self._log_likelihood(prior, some)
+        for _ in range(n_rounds):
+            before = prior
+            for j, factor in product(range(len(self.unit)), (1.0 / _SHAPE_STEP, _SHAPE_STEP)):
+                shape = prior.shape.copy()
+                shape[j] = np.clip(factor * shape[j], *_SHAPES)
+                tried = replace(prior, shape=shape)
+                if shape[j] != prior.shape[j] and (likely := self._log_likelihood(tried, some)) > best:
+                    best, prior = likely, tried
+            if prior is before:
+                break
+        return prior
+
+    def _log_likelihood(self, prior: Prior, some: Samples) -> float:
+        """Return the logarithm of how likely outputs are, but for a constant."""
+        total = self.among(prior, some.states)[0]
+        total[np.diag_indices_from(total)] += np.tile(prior.noise, len(some.states)) / some.weight.ravel()
+        factor = cholesky(total, lower=True)
+        half = solve_triangular(factor, some.outputs.ravel(), lower=True)
+        return float(-0.5 * half @ half - np.sum(np.log(factor.diagonal())))
 
 
 class Features:

@@ -9,7 +9,14 @@ import numpy as np
 
 from tel_ros.core.errors import ConfigError
 from tel_ros.core.learning.calibration import CalibratedLearner
-from tel_ros.core.learning.energy_process import EnergyKernel, Features, Posterior, Prior, Samples
+from tel_ros.core.learning.energy_process import (
+    FIRST_SHAPE,
+    EnergyKernel,
+    Features,
+    Posterior,
+    Prior,
+    Samples,
+)
 from tel_ros.core.learning.experience import CHANGED, SampleMemory, counted, stuck_trust, thinning
 from tel_ros.core.learning.learner import LearnerContext, StoredLearner
 from tel_ros.core.learning.least_squares import on_one_thread
@@ -75,11 +82,13 @@ class PolynomialLearner(CalibratedLearner):
         n = len(context.joints)
         learner._memory = SampleMemory.restored(stored.arrays, n)
         if len(learner._memory):
-            variances = {field.name: stored.arrays[f"prior_{field.name}"] for field in fields(Prior)}
-            for name, values in variances.items():
+            # Networks from before shapes were learned have none.
+            arrays = {"prior_shape": np.full(n, FIRST_SHAPE)} | dict(stored.arrays)
+            known = {field.name: arrays[f"prior_{field.name}"] for field in fields(Prior)}
+            for name, values in known.items():
                 if values.shape != (n,) or not np.all(values > 0.0):
                     raise ValueError(f"prior_{name} is {values}; expected {n} numbers above 0")
-            learner._prior = Prior(**variances)
+            learner._prior = Prior(**known)
             learner._posterior = learner._fitted(learner._memory, learner._prior)
         return learner
 

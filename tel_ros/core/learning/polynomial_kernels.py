@@ -8,9 +8,9 @@ from tel_ros.core.learning.tree_kernels import compiled
 from tel_ros.core.types import BoolArray, FloatArray
 
 
-@compiled("void(f8[::1], f8[::1], b1[::1], f8, f8[:, ::1])")
+@compiled("void(f8[::1], f8[::1], b1[::1], f8[::1], f8[:, ::1])")
 def _correlate(
-    here: FloatArray, there: FloatArray, slides: BoolArray, shape: float, form: FloatArray
+    here: FloatArray, there: FloatArray, slides: BoolArray, shapes: FloatArray, form: FloatArray
 ) -> None:
     """Fill ``form`` (4, n_joints) with a correlation f of each joint's positions and how it changes.
 
@@ -19,6 +19,7 @@ def _correlate(
     """
     n_joints = len(slides)
     for j in range(n_joints):
+        shape = shapes[j]
         if slides[j]:
             f = 1.0 + shape * here[j] * there[j]
             f = f if abs(f) > 1e-6 else 1e-6
@@ -36,7 +37,7 @@ def _correlate(
 
 
 @compiled(
-    "f8[:, :, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8, f8[:, ::1], f8[::1], f8[::1], "
+    "f8[:, :, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], "
     "f8[::1], b1)"
 )
 def covariance(
@@ -44,7 +45,7 @@ def covariance(
     others: FloatArray,
     weights: FloatArray,
     slides: BoolArray,
-    shape: float,
+    shape: FloatArray,
     inertia: FloatArray,
     potential: FloatArray,
     viscous: FloatArray,
