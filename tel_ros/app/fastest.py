@@ -143,7 +143,7 @@ def by_urdf(config_file: Path, overrides: Sequence[str]) -> Possible:
     check_dynamics(description, arm.hand_link)
     regressor = RigidBodyRegressor(urdf_text(description), arm.joints)
     friction = description.viscous_friction_nms_per_rad, description.coulomb_friction_nm
-    parameters = np.concatenate([regressor.described, *friction])
+    parameters = np.concatenate([regressor.described, np.zeros(len(arm.joints)), *friction])
     stiffness, damping = np.array(arm.stiffness_nm_per_rad), np.array(arm.damping_nms_per_rad)
 
     def offsets(inputs: FloatArray) -> FloatArray:

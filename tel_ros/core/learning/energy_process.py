@@ -190,10 +190,15 @@ class EnergyKernel:
         return prior
 
     def _log_likelihood(self, prior: Prior, some: Samples) -> float:
-        """Return the logarithm of how likely outputs are, but for a constant."""
+        """Return the logarithm of how likely outputs are, but for a constant; -inf where it has none."""
         total = self.among(prior, some.states)[0]
         total[np.diag_indices_from(total)] += np.tile(prior.noise, len(some.states)) / some.weight.ravel()
-        factor = cholesky(total, lower=True)
+        if not np.all(np.isfinite(total)):
+            return -np.inf
+        try:
+            factor = cholesky(total, lower=True)
+        except np.linalg.LinAlgError:
+            return -np.inf
         half = solve_triangular(factor, some.outputs.ravel(), lower=True)
         return float(-0.5 * half @ half - np.sum(np.log(factor.diagonal())))
 

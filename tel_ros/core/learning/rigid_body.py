@@ -1,6 +1,6 @@
 """Inverse dynamics of rigid links, linear in masses, first and second moments, learned by least squares.
 
-τ = Y(q, q̇, q̈) π + viscous and Coulomb friction. Y follows from the kinematics alone, so the URDF need not
+τ = Y(q, q̇, q̈) π + inertia of each joint's own drive + viscous and Coulomb friction. Y follows from the kinematics alone, so the URDF need not
 have right inertias. Y comes from Pinocchio (``pip install pin``), which is loaded when it is first used. Its
 parameters are few, so that few samples are enough.
 """
@@ -37,15 +37,16 @@ COULOMB_SPEED_RAD_S = 0.01
 """Where the smoothed sign function tanh(q̇ / v) of Coulomb friction has 3/4 of its full value. Desired
 velocities have no noise that a steep sign would turn into torque, and a sign that comes late at each reversal
 lets the arm stick there."""
-_PER_LINK = 10
+_PER_LINK, _PER_JOINT = 10, 3
 _FIRST_STRENGTH = 1e-4
 
 
 class RigidBodyRegressor:
-    """The regressor Y of the joints of an arm, friction included.
+    """The regressor Y of the joints of an arm, drives and friction included.
 
     The parameters are, for each moving link, mass, three first moments and six second moments about the
-    joint; then viscous, then Coulomb friction of each joint. Joints of the URDF (its text) that are not named
+    joint; then, of each joint, inertia of its drive, viscous and Coulomb friction. The inertia is that of a
+    rotor behind its gear, less what a control loop takes off: damping that comes late by t adds B t q̈. Joints of the URDF (its text) that are not named
     are taken as held: at 0, or as near as they can be.
 
     Raises:
@@ -66,36 +67,39 @@ class RigidBodyRegressor:
             raise refused(f"a URDF with these joints that Pinocchio reads ({error})") from None
         self._regressor = partial(pinocchio.computeJointTorqueRegressor, model, model.createData())
         self.described = np.concatenate([body.toDynamicParameters() for body in model.inertias.tolist()[1:]])
-        """What the URDF says of the links: parameters without friction."""
+        """What the URDF says of the links: parameters without drives and friction."""
         self._order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
         self.n_joints = len(joints)
-        self.n_parameters = _PER_LINK * (model.njoints - 1) + 2 * self.n_joints
+        self.n_parameters = _PER_LINK * (model.njoints - 1) + _PER_JOINT * self.n_joints
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
         """Return Y for inputs of shape (n, 3 * n_joints). Shape (n, n_joints, n_parameters)."""
-        n_joints, inertial = self.n_joints, self.n_parameters - 2 * self.n_joints
-        result = np.zeros((len(inputs), n_joints, self.n_parameters))
+        inertial = self.n_parameters - _PER_JOINT * self.n_joints
+        result = np.zeros((len(inputs), self.n_joints, self.n_parameters))
         for k, rows in enumerate(self._inertial(inputs)):
             result[k, :, :inertial] = rows[self._order]
-        speed = inputs[:, n_joints : 2 * n_joints]
-        joints = np.arange(n_joints)
-        result[:, joints, inertial + joints] = speed
-        result[:, joints, inertial + n_joints + joints] = np.tanh(speed / COULOMB_SPEED_RAD_S)
+        joints = np.arange(self.n_joints)
+        for k, column in enumerate(self._own(inputs)):
+            result[:, joints, inertial + k * self.n_joints + joints] = column
         return result
 
     def torque(self, inputs: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return Y π, without making all of Y. Shape (n, n_joints)."""
-        n_joints = self.n_joints
-        inertial, viscous, coulomb = np.split(parameters, [-2 * n_joints, -n_joints])
-        result = np.empty((len(inputs), n_joints))
+        inertial, own = np.split(parameters, [-_PER_JOINT * self.n_joints])
+        result = np.empty((len(inputs), self.n_joints))
         for k, rows in enumerate(self._inertial(inputs)):
             result[k] = (rows @ inertial)[self._order]
-        speed = inputs[:, n_joints : 2 * n_joints]
-        result += viscous * speed + coulomb * np.tanh(speed / COULOMB_SPEED_RAD_S)
+        for each, column in zip(np.split(own, _PER_JOINT), self._own(inputs), strict=True):
+            result += each * column
         return result
 
+    def _own(self, inputs: FloatArray) -> tuple[FloatArray, ...]:
+        """Return q̈, q̇ and the smoothed sign of q̇: what each joint's own parameters are multiplied by."""
+        _, v, a = np.split(inputs, 3, axis=1)
+        return a, v, np.tanh(v / COULOMB_SPEED_RAD_S)
+
     def _inertial(self, inputs: FloatArray) -> Iterator[FloatArray]:
-        """Yield Y without friction of each sample, rows in the order of the model."""
+        """Yield Y of the links for each sample, rows in the order of the model."""
         back = np.argsort(self._order)
         for q, v, a in zip(*(part[:, back] for part in np.split(inputs, 3, axis=1)), strict=True):
             yield self._regressor(q, v, a).reshape(self.n_joints, -1)
@@ -117,7 +121,7 @@ def _model(pinocchio: Any, urdf: str, joints: Sequence[str]) -> Any:
 
 
 class RigidBodyLearner(CalibratedLearner):
-    """The arm as rigid links with friction: u - q = K⁻¹ (B q̇ + Y π), linear in its parameters π.
+    """The arm as rigid links with drives and friction: u - q = K⁻¹ (B q̇ + Y π), linear in its parameters π.
 
     The normal equations are those of all trials; a ridge in units of each parameter's own effect suppresses
     combinations that the movements have not shown. Its strength is chosen by predicting each trial before
@@ -147,12 +151,19 @@ class RigidBodyLearner(CalibratedLearner):
         learner._strength = float(stored.header["prior_strength"])
         if not 0.0 < learner._strength < np.inf:
             raise ValueError(f"prior_strength is {learner._strength}; expected a finite number above 0")
-        n = learner._regressor.n_parameters
+        n, n_joints = learner._regressor.n_parameters, len(context.joints)
         shapes = {"gram": (n, n), "moment": (n,), "effect": (n,), "parameters": (n,)}
+        arrays = {name: stored.arrays[name] for name in shapes}
+        if len(arrays["parameters"]) == n - n_joints:  # older files: drives without inertia
+            drives = np.full(n_joints, n - _PER_JOINT * n_joints)
+            for name, array in arrays.items():
+                for axis in range(array.ndim):
+                    array = np.insert(array, drives, 0.0, axis=axis)
+                arrays[name] = array
         for name, shape in shapes.items():
-            if stored.arrays[name].shape != shape:
-                raise ValueError(f"{name} has shape {stored.arrays[name].shape}; expected {shape}")
-        *equations, learner._parameters = (stored.arrays[name] for name in shapes)
+            if arrays[name].shape != shape:
+                raise ValueError(f"{name} has shape {arrays[name].shape}; expected {shape}")
+        *equations, learner._parameters = arrays.values()
         learner._equations = NormalEquations(*equations)
         return learner
 

@@ -104,6 +104,18 @@ def test_a_changed_arm_is_noticed_and_the_earlier_one_forgotten() -> None:
     assert told.grown == ()
 
 
+def test_it_is_learned_how_much_may_depend_on_a_joint_and_networks_from_before_that_answer_as_they_did() -> None:
+    stored = practised(3).stored()
+    assert stored.arrays["prior_shape"][0] < 0.1, "nothing depends on where the first of two joints is"
+    before = {name: array for name, array in stored.arrays.items() if name != "prior_shape"}
+    same = before | {"prior_shape": np.array([0.7, 0.7])}
+    kind, told = learner_kind("polynomial"), practised(3).context
+    old, expected = (
+        kind.restored(told, dataclasses.replace(stored, arrays=arrays)) for arrays in (before, same)
+    )
+    np.testing.assert_array_equal(old.predict(OTHER), expected.predict(OTHER))
+
+
 def test_joints_may_come_in_another_order_than_they_carry_each_other() -> None:
     def swapped(values: FloatArray) -> FloatArray:
         return np.ascontiguousarray(values.reshape(len(values), -1, 2)[:, :, ::-1].reshape(values.shape))

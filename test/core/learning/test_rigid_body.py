@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
 
 import numpy as np
@@ -17,18 +18,18 @@ from tel_ros.core.learning.signals import TrainingSamples
 
 pytest.importorskip("pinocchio")
 
-VISCOUS, COULOMB = np.array([0.05, 0.05]), np.array([0.3, 0.1])
+DRIVE, VISCOUS, COULOMB = np.array([0.02, 0.03]), np.array([0.05, 0.05]), np.array([0.3, 0.1])
 X = random_movement(np.random.default_rng(0), 4.0)[::5]
 
 
 def true_parameters() -> np.ndarray:
-    """Return mass, first and second moments about its joint of each link, then friction of each joint."""
+    """Return mass, first and second moments about its joint of each link, then those of each joint."""
     links = []
     for mass, inertia in zip(TwoLinkArm.MASS, TwoLinkArm.INERTIA, strict=True):
         moment = mass * TwoLinkArm.CENTRE
         about_joint = inertia + moment * TwoLinkArm.CENTRE
         links += [mass, moment, 0.0, 0.0, 0.0, 0.0, about_joint, 0.0, 0.0, about_joint]
-    return np.array([*links, *VISCOUS, *COULOMB])
+    return np.array([*links, *DRIVE, *VISCOUS, *COULOMB])
 
 
 def coulomb_nm(inputs: np.ndarray) -> np.ndarray:
@@ -40,11 +41,11 @@ def swapped(values: np.ndarray) -> np.ndarray:
     return values.reshape(len(values), -1, 2)[:, :, ::-1].reshape(values.shape)
 
 
-def test_regressor_times_parameters_is_the_torque_with_its_friction() -> None:
+def test_regressor_times_parameters_is_the_torque_with_drives_and_friction() -> None:
     regressor = RigidBodyRegressor(urdf(), JOINTS)
     torque = regressor(X) @ true_parameters()
-    expected = TwoLinkArm().inverse_dynamics(*np.split(X, 3, axis=1)) + coulomb_nm(X)
-    assert regressor(X).shape == (len(X), 2, regressor.n_parameters) == (len(X), 2, 24)
+    expected = TwoLinkArm().inverse_dynamics(*np.split(X, 3, axis=1)) + DRIVE * X[:, 4:] + coulomb_nm(X)
+    assert regressor(X).shape == (len(X), 2, regressor.n_parameters) == (len(X), 2, 26)
     np.testing.assert_allclose(torque, expected, atol=1e-12)
 
 
@@ -56,7 +57,7 @@ def test_wrong_inertias_in_the_urdf_do_not_matter() -> None:
 def test_joints_may_come_in_another_order_than_in_the_urdf() -> None:
     forwards, backwards = (RigidBodyRegressor(urdf(), joints) for joints in (JOINTS, JOINTS[::-1]))
     parameters = true_parameters()
-    other = np.concatenate([parameters[:20], VISCOUS[::-1], COULOMB[::-1]])
+    other = np.concatenate([parameters[:20], DRIVE[::-1], VISCOUS[::-1], COULOMB[::-1]])
     expected = swapped(forwards(X) @ parameters)
     np.testing.assert_allclose(backwards(swapped(X)) @ other, expected, atol=1e-12)
 
@@ -70,7 +71,7 @@ def test_an_arm_of_one_joint_is_turned_by_its_moment_of_inertia() -> None:
     at = TwoLinkArm.LENGTH + TwoLinkArm.CENTRE
     parameters = np.zeros(alone.n_parameters)
     parameters[9] = i1 + m1 * TwoLinkArm.CENTRE**2 + i2 + m2 * at**2
-    assert alone.n_parameters == 12
+    assert alone.n_parameters == 13
     np.testing.assert_allclose(alone(np.array([[0.7, 0.0, 2.0]])) @ parameters, [[expected]])
 
 
@@ -136,6 +137,38 @@ def test_without_noise_one_figure_teaches_the_torque_of_all_movements() -> None:
 def test_one_trial_is_nearly_enough() -> None:
     learner, other = learned(trial(7.0)), random_movement(np.random.default_rng(0), 3.0)
     assert rms(truth_rad(other) - learner.predict(other)) < 1e-4 * rms(truth_rad(other))
+
+
+def test_the_inertia_of_each_joints_drive_is_learned_beside_that_of_its_link() -> None:
+    """A link's inertia acts on all joints below it, that of a rotor on its own joint alone."""
+    trials = []
+    for duration_s in (7.0, 4.5):
+        exact = trial(duration_s)
+        trials.append(
+            dataclasses.replace(exact, offset_rad=exact.offset_rad + DRIVE * exact.actual[:, 4:] / 15.0)
+        )
+    learner, other = learned(*trials), random_movement(np.random.default_rng(0), 3.0)
+    wanted = truth_rad(other) + DRIVE * other[:, 4:] / 15.0
+    assert rms(wanted - learner.predict(other)) < 1e-6 * rms(wanted)
+
+
+def test_a_learner_from_before_drives_had_an_inertia_answers_as_it_did_and_learns_on() -> None:
+    learner = learned(trial(7.0))
+    stored = learner.stored()
+    drives = [20, 21]
+    arrays = {
+        name: functools.reduce(lambda a, axis: np.delete(a, drives, axis), range(a.ndim), a)
+        if name in ("gram", "moment", "effect", "parameters")
+        else a
+        for name, a in stored.arrays.items()
+    }
+    restored = RigidBodyLearner.restored(context(), dataclasses.replace(stored, arrays=arrays))
+    parameters = stored.arrays["parameters"].copy()
+    parameters[drives] = 0.0
+    expected = (RigidBodyRegressor(urdf(), JOINTS)(X) @ parameters + 1.5 * X[:, 2:4]) / 15.0
+    np.testing.assert_allclose(restored.predict(X), expected, atol=1e-12)
+    restored, _ = restored.trained_on(trial(4.5), "actual")
+    assert rms(truth_rad(X) - restored.predict(X)) < 1e-3 * rms(truth_rad(X))
 
 
 def test_springs_and_dampers_of_the_controller_are_known_not_learned() -> None:
