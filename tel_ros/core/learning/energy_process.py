@@ -103,7 +103,9 @@ class EnergyKernel:
         torque = output * self.unit
         friction = 0.1 * torque**2
         inertia, viscous = (torque / acceleration) ** 2, friction / speed**2
-        return Prior(inertia, torque**2, viscous, friction, (0.03 * output) ** 2, np.full(len(output), FIRST_SHAPE))
+        return Prior(
+            inertia, torque**2, viscous, friction, (0.03 * output) ** 2, np.full(len(output), FIRST_SHAPE)
+        )
 
     def covariance(
         self,

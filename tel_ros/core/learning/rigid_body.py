@@ -45,9 +45,9 @@ class RigidBodyRegressor:
     """The regressor Y of the joints of an arm, drives and friction included.
 
     The parameters are, for each moving link, mass, three first moments and six second moments about the
-    joint; then, of each joint, inertia of its drive, viscous and Coulomb friction. The inertia is that of a
-    rotor behind its gear, less what a control loop takes off: damping that comes late by t adds B t q̈. Joints of the URDF (its text) that are not named
-    are taken as held: at 0, or as near as they can be.
+    joint; then, of each joint, inertia of its drive, viscous and Coulomb friction. That inertia is the one of
+    a rotor behind its gear, less what the control loop takes off: damping B that comes late by t works like
+    -B t. Joints of the URDF (its text) that are not named are taken as held: at 0, or as near as they can be.
 
     Raises:
         ConfigError: Pinocchio is not installed, or the URDF does not have such joints.

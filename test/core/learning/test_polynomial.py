@@ -104,7 +104,7 @@ def test_a_changed_arm_is_noticed_and_the_earlier_one_forgotten() -> None:
     assert told.grown == ()
 
 
-def test_it_is_learned_how_much_may_depend_on_a_joint_and_networks_from_before_that_answer_as_they_did() -> None:
+def test_how_much_may_depend_on_a_joint_is_learned_and_networks_from_before_answer_as_they_did() -> None:
     stored = practised(3).stored()
     assert stored.arrays["prior_shape"][0] < 0.1, "nothing depends on where the first of two joints is"
     before = {name: array for name, array in stored.arrays.items() if name != "prior_shape"}
