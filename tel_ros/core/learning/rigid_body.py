@@ -1,8 +1,9 @@
 """Inverse dynamics of rigid links, linear in masses, first and second moments, learned by least squares.
 
-τ = Y(q, q̇, q̈) π + inertia of each joint's own drive + viscous and Coulomb friction. Y follows from the kinematics alone, so the URDF need not
-have right inertias. Y comes from Pinocchio (``pip install pin``), which is loaded when it is first used. Its
-parameters are few, so that few samples are enough.
+τ = Y(q, q̇, q̈) π + what each joint has of its own: inertia of its drive, viscous and Coulomb friction. Y
+follows from the kinematics alone, so the URDF need not have right inertias. It comes from Pinocchio
+(``pip install pin``), which is loaded when it is first used. Its parameters are few, so that few samples are
+enough.
 """
 
 from __future__ import annotations
