@@ -7,6 +7,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from rosbags.highlevel import AnyReader
 from scipy.interpolate import BPoly
 
 from sim_bridge.arm import SimulatedArm
+from sim_bridge.splines import points_of
+from sim_bridge.trajectory_control import Gains, Tolerances, TrajectoryController
 from tel_ros.app.cli import main
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.export import deployment
@@ -43,28 +46,28 @@ def run(tmp_path: Path) -> Path:
 
 def executed(folder: Path, run: Path, rate_hz: float, start_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s] and positions of the simulated arm under the controller, from the deployed files."""
-    points = yaml.safe_load((folder / "trajectory.yaml").read_text())["points"]
+    as_json = json.dumps(yaml.safe_load((folder / "trajectory.yaml").read_text()))
+    trajectory = json.loads(as_json, object_hook=lambda values: SimpleNamespace(**values))
     gains = yaml.safe_load((folder / "controllers.yaml").read_text())
-    gains = gains["joint_trajectory_controller"]["ros__parameters"]["gains"]
-    p, d = (np.array([joint[key] for joint in gains.values()]) for key in "pd")
-    assert not any(joint["i"] or joint["ff_velocity_scale"] for joint in gains.values())
-    at = [point["time_from_start"] for point in points]
-    time_s = np.array([each["sec"] + each["nanosec"] / NS_PER_S for each in at])
-    kinds = ("positions", "velocities", "accelerations", "effort")
-    y, dy, ddy, effort = (np.array([point[kind] for point in points]) for kind in kinds)
-    spline = BPoly.from_derivatives(time_s, np.stack([y, dy, ddy], axis=1))
+    gains = gains["joint_trajectory_controller"]["ros__parameters"]["gains"].values()
     config = resumed_config(run)
+    law = TrajectoryController(
+        config.arm.joints,
+        rate_hz,
+        Gains(*(np.array([joint[key] for joint in gains]) for key in ("p", "i", "d", "ff_velocity_scale"))),
+    )
     sim = replace(config.sim, initial_position_rad=tuple(start_rad))
-    times, seen = np.arange(0.0, time_s[-1], 1.0 / rate_hz), []
+    n_joints, times, seen = len(start_rad), [], []
     with SimulatedArm(config.arm, sim, rate_hz=rate_hz, seed=5) as arm:
-        for t in times:
+        points = points_of(trajectory, config.arm.joints, arm.time_ns)
+        law.follow(points, Tolerances.of((0.0,) * n_joints, (0.0,) * n_joints, 0.0, 0.0))
+        while law.has_goal:
             reading = arm.reading()
-            q, dq = np.array(reading.position_rad), np.array(reading.velocity_rad_s)
-            ahead = min(t + 1.0 / rate_hz, time_s[-1])
-            point = [np.interp(ahead, time_s, column) for column in effort.T]
-            arm.step(tuple(point + p * (spline(t) - q) + d * (spline(t, 1) - dq)))
-            seen.append(q)
-    return times, np.array(seen)
+            law.update(*reading[:3])
+            arm.step(law.effort_nm.tolist())
+            times.append(reading.time_ns / NS_PER_S)
+            seen.append(reading.position_rad)
+    return np.array(times), np.array(seen)
 
 
 @pytest.mark.parametrize(("rate_hz", "apart_mrad"), [(500.0, 0.1), (1000.0, 1.0)])
