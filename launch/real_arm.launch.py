@@ -9,8 +9,9 @@ ros2 launch tel_ros real_arm.launch.py config:=my_run.yaml controllers:=my_contr
 
 The driver is the controller manager with the hardware component that the URDF names, joint_state_broadcaster
 and, as arm.command_interface says, effort_controller, an effort_controllers/JointGroupEffortController,
-or position_controller, a forward_command_controller/ForwardCommandController. Names of packages, executables,
-arguments and topics are those of ros2_control for Jazzy:
+position_controller, a forward_command_controller/ForwardCommandController, or what arm.trajectory_controller
+names, a joint_trajectory_controller/JointTrajectoryController. Names of packages, executables, arguments and
+topics are those of ros2_control for Jazzy:
 https://control.ros.org/jazzy/doc/ros2_control/controller_manager/doc/userdoc.html
 """
 
@@ -23,6 +24,7 @@ from xml.etree import ElementTree
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, InputFileError
+from tel_ros.recording import topics
 from tel_ros.recording.config_file import load_config, read_yaml
 from tel_ros.recording.shared_files import config_folder, named_config
 
@@ -30,10 +32,19 @@ if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription
 
 BROADCASTER = "joint_state_broadcaster"
-CONTROLLERS = {"effort": "effort_controller", "position": "position_controller"}
-"""Name of the controller for each command interface; with it, the topic is that of docs/arm-contract.md."""
-PATTERNS = {"effort": "controllers.yaml", "position": "controllers_position.yaml"}
+PATTERNS = {
+    "effort": "controllers.yaml",
+    "position": "controllers_position.yaml",
+    "trajectory": "controllers_trajectory.yaml",
+}
 """Files in config/ros2_control."""
+STATES = {"effort": ["position"], "position": ["position"], "trajectory": ["position", "velocity"]}
+"""Which state interfaces the hardware has to have."""
+
+
+def controller_name(config: Config) -> str:
+    """Return the name of the controller of the commands, below which it listens to them."""
+    return topics.commands(config.arm).rpartition("/")[0]
 
 
 def check_controllers(file: Path, config: Config, namespace: str = "/") -> None:
@@ -56,14 +67,26 @@ def check_controllers(file: Path, config: Config, namespace: str = "/") -> None:
         names = (f"{namespace.rstrip('/')}/{node}", f"/**/{node}", *([node] if namespace == "/" else []))
         section = next((parameters[name] for name in names if name in parameters), None)
         values = section.get("ros__parameters") if isinstance(section, dict) else None
-        found = values.get(key, "missing") if isinstance(values, dict) else "missing"
+        for part in key.split("."):
+            values = values.get(part, "missing") if isinstance(values, dict) else "missing"
+        found = values
         if found != expected:
             raise ConfigError(f"{node}.ros__parameters.{key}", found, f"{expected!r}, {why}", str(file))
 
-    require("controller_manager", "update_rate", config.control.rate_hz, "as control.rate_hz")
-    controller = CONTROLLERS[config.arm.command_interface]
-    require(controller, "joints", list(config.arm.joints), "as arm.joints, in that order")
-    if config.arm.command_interface == "position":
+    arm, controller = config.arm, controller_name(config)
+    rate = "arm.controller_rate_hz" if arm.controller_rate_hz else "control.rate_hz"
+    rate_hz = arm.controller_rate_hz or config.control.rate_hz
+    require("controller_manager", "update_rate", rate_hz, f"as {rate}")
+    require(controller, "joints", list(arm.joints), "as arm.joints, in that order")
+    if arm.command_interface == "trajectory":
+        require(controller, "command_interfaces", ["effort"], "since trajectories bring efforts")
+        require(controller, "state_interfaces", ["position", "velocity"], "for springs and dampers")
+        for joint, p, d in zip(arm.joints, arm.stiffness_nm_per_rad, arm.damping_nms_per_rad, strict=True):
+            require(controller, f"gains.{joint}.p", p, "as arm.stiffness_nm_per_rad")
+            require(controller, f"gains.{joint}.d", d, "as arm.damping_nms_per_rad")
+            for other in ("i", "ff_velocity_scale"):
+                require(controller, f"gains.{joint}.{other}", 0.0, "or the law is not that of practice")
+    if arm.command_interface == "position":
         require(controller, "interface_name", "position", "as arm.command_interface")
         # It would change set points, and nobody would learn of it.
         require("controller_manager", "enforce_command_limits", False, "since set points are not positions")
@@ -86,11 +109,11 @@ def check_description(file: Path, config: Config) -> None:
     except (ElementTree.ParseError, OSError) as error:
         raise InputFileError(file, f"not readable ({error})", "a URDF file (key arm.urdf)") from None
     joints = {joint.get("name"): joint for joint in root.findall("ros2_control/joint")}
+    interface = config.arm.command_interface
+    command = "effort" if interface == "trajectory" else interface
+    needed = [("command_interface", command), *(("state_interface", state) for state in STATES[interface])]
     for name in config.arm.joints:
-        for kind, interface in (
-            ("command_interface", config.arm.command_interface),
-            ("state_interface", "position"),
-        ):
+        for kind, interface in needed:
             joint = joints.get(name)
             if joint is None or not any(found.get("name") == interface for found in joint.findall(kind)):
                 raise InputFileError(
@@ -126,7 +149,7 @@ def start_arm(context: LaunchContext) -> list[Any]:
     heard = partial(description_in, graph.namespace) if start == "nodes" else None
     config = load_config(config_file, description=heard)
     check_arm(config, config_file)
-    controller = CONTROLLERS[config.arm.command_interface]
+    controller = controller_name(config)
     if commands == "inactive" and start != "driver":
         raise ConfigError("commands", commands, f"'active', because start is {start!r}")
     if argument("run_dir") and start == "driver":

@@ -28,6 +28,7 @@ ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / "config" / "real_arm.yaml"
 CONTROLLERS = ROOT / "config" / "ros2_control" / "controllers.yaml"
 POSITION_CONTROLLERS = CONTROLLERS.with_name("controllers_position.yaml")
+TRAJECTORY_CONTROLLERS = CONTROLLERS.with_name("controllers_trajectory.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -85,29 +86,6 @@ def test_the_controllers_fit_the_pattern_and_publish_where_the_nodes_listen(
     assert topics.JOINT_STATES == "joint_states" and broadcaster["use_local_topics"] is False
 
 
-@pytest.mark.parametrize(
-    ("node", "values", "complaint"),
-    [
-        ("effort_controller", {"joints": ["elbow", "shoulder"]}, r"in that order"),
-        ("effort_controller", {"joints": ["shoulder"]}, r"expected \['shoulder', 'elbow'\], as arm.joints"),
-        ("effort_controller", {"joints": None}, r"joints is 'missing'"),
-        (
-            "controller_manager",
-            {"update_rate": 100},
-            r"update_rate is 100; expected 500.0, as control.rate_hz",
-        ),
-        ("controller_manager", {"update_rate": None}, r"update_rate is 'missing'"),
-    ],
-)
-def test_controllers_for_another_arm_are_refused(
-    launch_file: ModuleType, config: Config, tmp_path: Path, node: str, values: dict[str, Any], complaint: str
-) -> None:
-    file = changed(tmp_path, node, **values)
-    with pytest.raises(ConfigError, match=complaint) as error:
-        launch_file.check_controllers(file, config)
-    assert str(file) in str(error.value)
-
-
 @pytest.fixture(scope="module")
 def position_config() -> Config:
     return load_config(CONFIG, ["arm.command_interface=position"])
@@ -123,26 +101,38 @@ def test_the_controllers_for_positions_fit_the_pattern_and_hear_where_set_points
     assert topics.POSITION_COMMANDS == "position_controller/commands"
 
 
+JTC = "joint_trajectory_controller"
+
+
 @pytest.mark.parametrize(
     ("node", "values", "complaint"),
     [
+        ("effort_controller", {"joints": ["elbow", "shoulder"]}, r"in that order"),
+        ("effort_controller", {"joints": ["shoulder"]}, r"expected \['shoulder', 'elbow'\], as arm.joints"),
+        ("effort_controller", {"joints": None}, r"joints is 'missing'"),
+        ("controller_manager", {"update_rate": 100}, r"is 100; expected 500.0, as control.rate_hz"),
+        ("controller_manager", {"update_rate": None}, r"update_rate is 'missing'"),
         ("position_controller", {"joints": ["elbow", "shoulder"]}, r"in that order"),
         ("position_controller", {"interface_name": "effort"}, r"'position', as arm.command_interface"),
         ("controller_manager", {"enforce_command_limits": True}, r"set points are not positions"),
         ("controller_manager", {"enforce_command_limits": None}, r"enforce_command_limits is 'missing'"),
+        (JTC, {"command_interfaces": ["position"]}, r"is \['position'\]; expected \['effort'\], since traj"),
+        (JTC, {"state_interfaces": ["position"]}, r"for springs and dampers"),
+        (JTC, {"gains": {"shoulder": {"p": 15.0, "d": 1.5}}}, r"gains.shoulder.i is 'missing'; expected 0.0"),
+        (JTC, {"gains": {"shoulder": {"p": 150.0}}}, r"p is 150.0; expected 15.0, as arm.stiffness"),
+        (JTC, {"gains": None}, r"gains.shoulder.p is 'missing'"),
     ],
 )
-def test_controllers_that_would_change_or_swap_set_points_are_refused(
-    launch_file: ModuleType,
-    position_config: Config,
-    tmp_path: Path,
-    node: str,
-    values: dict[str, Any],
-    complaint: str,
+def test_controllers_for_another_arm_or_with_another_law_are_refused(
+    launch_file: ModuleType, tmp_path: Path, node: str, values: dict[str, Any], complaint: str
 ) -> None:
-    file = changed(tmp_path, node, POSITION_CONTROLLERS, **values)
-    with pytest.raises(ConfigError, match=complaint):
-        launch_file.check_controllers(file, position_config)
+    kind = {"position_controller": "position", JTC: "trajectory"}.get(node, "effort")
+    kind = "position" if "enforce_command_limits" in values else kind
+    original = CONTROLLERS.with_name(launch_file.PATTERNS[kind])
+    file = changed(tmp_path, node, original, **values)
+    with pytest.raises(ConfigError, match=complaint) as error:
+        launch_file.check_controllers(file, load_config(CONFIG, [f"arm.command_interface={kind}"]))
+    assert str(file) in str(error.value)
 
 
 def test_controllers_for_the_other_interface_are_refused(
@@ -166,6 +156,33 @@ def test_a_description_has_to_offer_the_interface_that_is_commanded(
     assert text.count(effort) == 2
     file.write_text(text.replace(effort, position))
     launch_file.check_description(file, position_config)
+
+
+@pytest.fixture(scope="module")
+def trajectory_config() -> Config:
+    return load_config(CONFIG, ["arm.command_interface=trajectory"])
+
+
+def test_the_trajectory_controller_has_the_law_of_practice_and_hears_where_goals_are_sent(
+    launch_file: ModuleType, trajectory_config: Config, tmp_path: Path
+) -> None:
+    launch_file.check_controllers(TRAJECTORY_CONTROLLERS, trajectory_config)
+    launch_file.check_description(Path(trajectory_config.arm.urdf), trajectory_config)
+    text = Path(trajectory_config.arm.urdf).read_text()
+    (tmp_path / "arm.urdf").write_text(
+        text.replace('<state_interface name="velocity">', '<state_interface name="speed">')
+    )
+    with pytest.raises(InputFileError, match="no state_interface 'velocity' for joint 'shoulder'"):
+        launch_file.check_description(tmp_path / "arm.urdf", trajectory_config)
+    parameters = yaml.safe_load(TRAJECTORY_CONTROLLERS.read_text())
+    manager = parameters["controller_manager"]["ros__parameters"]
+    kind = manager[trajectory_config.arm.trajectory_controller]["type"]
+    assert kind == "joint_trajectory_controller/JointTrajectoryController"
+    faster = dataclasses.replace(trajectory_config.arm, controller_rate_hz=1000.0)
+    with pytest.raises(ConfigError, match=r"update_rate is 500; expected 1000.0, as arm.controller_rate_hz"):
+        launch_file.check_controllers(
+            TRAJECTORY_CONTROLLERS, dataclasses.replace(trajectory_config, arm=faster)
+        )
 
 
 @pytest.mark.parametrize("text", ["effort_controller: 3", "{}"])
