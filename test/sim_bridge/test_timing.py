@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_bridge.timing import Due, Pacer, Stillness
+from sim_bridge.timing import Allowance, Due, Pacer, Stillness
 from tel_ros.core.config import ControlConfig
 from tel_ros.core.control.holding import RestDetector
 
@@ -52,6 +52,41 @@ def test_each_deadline_brings_at_least_one_period_however_it_rounds() -> None:
         deadline_s = paced.deadline_s
         assert paced.due(deadline_s).periods == 1
         assert paced.deadline_s > deadline_s
+
+
+def allowed(allowance: Allowance, stamp: int, now_s: float, *, has_client: bool, busy: bool = True) -> int:
+    """Return how many periods may pass after the state with this number."""
+    stamp_ns = round(stamp * PERIOD_S * 1e9)
+    return allowance.periods(stamp_ns, now_s, has_client=has_client, busy=busy)
+
+
+def test_without_a_client_periods_pass_at_once_while_there_is_something_to_do() -> None:
+    allowance = Allowance(PERIOD_S, timeout_s=2.0, ahead=8)
+    assert allowed(allowance, 0, 1.0, has_client=False) == Allowance.MOST
+    assert allowed(allowance, 0, 1.0, has_client=False, busy=False) == 0
+
+
+def test_a_client_is_never_more_than_so_many_states_behind() -> None:
+    allowance = Allowance(PERIOD_S, timeout_s=2.0, ahead=8)
+    assert allowed(allowance, 0, 0.5, has_client=True, busy=False) == 0
+    assert allowed(allowance, 0, 1.0, has_client=True) == 0
+    allowance.hear(round(100 * PERIOD_S * 1e9), 1.0)
+    assert allowed(allowance, 103, 1.0, has_client=True) == 5
+    assert allowed(allowance, 108, 1.0, has_client=True) == 0
+    assert allowed(allowance, 104, 1.0, has_client=True, busy=False) == 4
+
+
+def test_a_client_that_falls_silent_has_the_rest_of_a_movement_pass_in_real_time() -> None:
+    allowance = Allowance(PERIOD_S, timeout_s=2.0, ahead=8)
+    allowance.hear(0, 1.0)
+    assert allowed(allowance, 8, 2.99, has_client=True) == 0
+    passed, now_s = 0, 3.0
+    while now_s < 3.1:
+        passed += allowed(allowance, 8 + passed, now_s, has_client=True)
+        now_s += 0.1 * PERIOD_S
+    assert passed == pytest.approx(0.1 / PERIOD_S, rel=0.1)
+    assert allowed(allowance, 99, 9.0, has_client=True, busy=False) == 0
+    assert allowed(allowance, 99, 9.1, has_client=True) == 0, "a new movement waits anew"
 
 
 CONTROL = ControlConfig(rate_hz=500.0, settle_time_s=0.2, settle_speed_rad_s=0.05)
