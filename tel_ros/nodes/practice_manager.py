@@ -16,7 +16,6 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from tel_interfaces.action import Practice
@@ -27,14 +26,13 @@ from tel_ros.core.practice.session import PracticeSession
 from tel_ros.core.practice.strategies import make_strategy
 from tel_ros.core.practice.strategy import Ending
 from tel_ros.nodes import qos
-from tel_ros.nodes.command_channel import CompetingPublishers
 from tel_ros.nodes.conversions import to_result_message
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level
 from tel_ros.nodes.parameters import declare_resume, load_parameters, on_set
-from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, RunContext
+from tel_ros.nodes.practice_ports import ANSWER_TIMEOUT_S, PracticePorts, ReadyArm, RunContext
 from tel_ros.nodes.run_progress import Pause, Progress
 from tel_ros.nodes.runner import run_node
-from tel_ros.nodes.waiting import NoAnswerError, namespace_hint
+from tel_ros.nodes.waiting import NoAnswerError, PatientExecutor
 from tel_ros.recording import topics
 from tel_ros.recording.config_file import with_values
 from tel_ros.recording.run_folder import open_run_folder, written_config
@@ -68,8 +66,8 @@ class PracticeManagerNode(Node):
         self._path = load_path(self._config.path, self._config.arm)
         self._known_path = load_known_path(self._config.path, self._config.arm)
         group = ReentrantCallbackGroup()
-        wait_for_arm = partial(self._wait_for_arm, self._config.run.arm_timeout_s)
-        self._ports = PracticePorts(self, group, self._config, wait_for_arm, self._give_up_in_time)
+        self._arm = ReadyArm(self, group, self._config)
+        self._ports = PracticePorts(self, group, self._config, self._arm.wait, self._give_up_in_time)
         about = ParameterDescriptor(description="whether a run ends with its report", read_only=True)
         self._makes_report = bool(self.declare_parameter("report", True, about).value)
         self._busy = self._stopping = False
@@ -77,10 +75,10 @@ class PracticeManagerNode(Node):
         self._client_seen_at, self._client_gone = 0.0, False
         self._result_service = f"{self.resolve_service_name(topics.PRACTICE)}/_action/get_result"
         self._stopping_since = math.inf
-        self._ready = threading.Event()
         self._stop_latched = self._stop_seen = False
-        for topic, heard in ((topics.READY, self._on_ready), (topics.SAFETY_STOPPED, self._on_stopped)):
-            self.create_subscription(Bool, topic, heard, qos.LATCHED, callback_group=group)
+        self.create_subscription(
+            Bool, topics.SAFETY_STOPPED, self._on_stopped, qos.LATCHED, callback_group=group
+        )
         self._emergency_stop = (
             f"emergency stop: as long as {topics.EP_CONTROLLER} runs on, nothing moves before "
             f"tel reset (service {self.resolve_service_name(topics.SAFETY_RESET)})"
@@ -105,12 +103,6 @@ class PracticeManagerNode(Node):
     def stopped(self) -> bool:
         """Whether no run is under way any more."""
         return not self._busy
-
-    def _on_ready(self, message: Bool) -> None:
-        if message.data:
-            self._ready.set()
-        else:
-            self._ready.clear()
 
     def _on_stopped(self, message: Bool) -> None:
         self._stop_latched = message.data
@@ -192,7 +184,7 @@ class PracticeManagerNode(Node):
         try:
             patience_s = REPLAY_TIMEOUT_S if rows else 0.0
             self._ports.bring_up(max(ANSWER_TIMEOUT_S, patience_s))
-            self._wait_for_arm(max(self._config.run.arm_timeout_s, patience_s))
+            self._arm.wait(max(self._config.run.arm_timeout_s, patience_s))
             if rows:
                 self._ports.load(network_after)
             else:
@@ -261,39 +253,13 @@ class PracticeManagerNode(Node):
             self.get_logger().warning(text)
         return Health(Level.WARN, f"{self._doing}; {text}")
 
-    def _wait_for_arm(self, timeout_s: float) -> None:
-        if not self._ready.wait(timeout_s):
-            commands = topics.COMMANDS[self._config.arm.command_interface]
-            controller = topics.absolute(topics.EP_CONTROLLER, self.get_namespace())
-            competing = CompetingPublishers(self, commands, controller)
-            competing.look()
-            if why := competing.of_states or competing.of_commands:
-                raise NoAnswerError(f"no trial begins: {why}")
-            missing = [topics.JOINT_STATES] if self.count_publishers(topics.JOINT_STATES) == 0 else []
-            missing += [commands] if self.count_subscribers(commands) == 0 else []
-            raise NoAnswerError(
-                f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
-                f"{self.resolve_topic_name(topics.JOINT_STATES)} and a subscriber of "
-                f"{self.resolve_topic_name(commands)}, and the arm at rest.{namespace_hint(self, *missing)}"
-            )
-
     def _give_up_in_time(self) -> None:
         """When this node has to end, the others may have ended already: do not wait for long."""
         if time.monotonic() - self._stopping_since > STOPPING_TIMEOUT_S:
             raise NoAnswerError("the run was ended from outside")
 
 
-class _Executor(MultiThreadedExecutor):
-    """Ends after the callbacks that have begun, as rclpy 7.1 means to: it takes away what they need."""
-
-    def shutdown(self, timeout_sec: float = 1.0) -> bool:
-        end = time.monotonic() + timeout_sec
-        while not all(callback.done() for callback in self._futures) and time.monotonic() < end:
-            time.sleep(0.005)
-        return bool(super().shutdown(timeout_sec))
-
-
-main = partial(run_node, PracticeManagerNode, _Executor)
+main = partial(run_node, PracticeManagerNode, PatientExecutor)
 
 if __name__ == "__main__":
     main()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
+from std_msgs.msg import Bool
 from tel_interfaces.action import ExecuteTrial
 from tel_interfaces.msg import TrialGoal, TrialResult
 from tel_interfaces.srv import (
@@ -35,9 +37,18 @@ from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import TrialReport
 from tel_ros.nodes import qos
+from tel_ros.nodes.command_channel import CompetingPublishers
 from tel_ros.nodes.conversions import desired_message, equilibrium_of, to_array, to_goal_message
 from tel_ros.nodes.run_progress import Progress
-from tel_ros.nodes.waiting import DeclinedError, LockedActionClient, NoAnswerError, ask, meet, wait
+from tel_ros.nodes.waiting import (
+    DeclinedError,
+    LockedActionClient,
+    NoAnswerError,
+    ask,
+    meet,
+    namespace_hint,
+    wait,
+)
 from tel_ros.recording import topics
 from tel_ros.recording.run_folder import network_after, publish_network, trial_bag
 from tel_ros.recording.trial_bag import trial_metadata
@@ -57,6 +68,40 @@ class RunContext:
     """The configuration as written in the folder."""
     progress: Progress
     cancelled: Callable[[], bool]
+
+
+class ReadyArm:
+    """Whether the controller says that it sees the arm at rest, and that the arm hears it."""
+
+    def __init__(self, node: Node, group: CallbackGroup, config: Config) -> None:
+        self._node, self._config, self._ready = node, config, threading.Event()
+        node.create_subscription(Bool, topics.READY, self._hear, qos.LATCHED, callback_group=group)
+
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Return when the arm is ready; NoAnswerError: it is not in time (``run.arm_timeout_s``), and why."""
+        node, timeout_s = self._node, self._config.run.arm_timeout_s if timeout_s is None else timeout_s
+        if self._ready.wait(timeout_s):
+            return
+        commands = topics.commands(self._config.arm)
+        competing = CompetingPublishers(
+            node, commands, topics.absolute(topics.EP_CONTROLLER, node.get_namespace())
+        )
+        competing.look()
+        if why := competing.of_states or competing.of_commands:
+            raise NoAnswerError(f"no trial begins: {why}")
+        missing = [topics.JOINT_STATES] if node.count_publishers(topics.JOINT_STATES) == 0 else []
+        missing += [commands] if node.count_subscribers(commands) == 0 else []
+        raise NoAnswerError(
+            f"the arm is not there: within {timeout_s:.1f} s ep_controller has not seen "
+            f"{node.resolve_topic_name(topics.JOINT_STATES)} and a subscriber of "
+            f"{node.resolve_topic_name(commands)}, and the arm at rest.{namespace_hint(node, *missing)}"
+        )
+
+    def _hear(self, message: Bool) -> None:
+        if message.data:
+            self._ready.set()
+        else:
+            self._ready.clear()
 
 
 class PracticePorts:

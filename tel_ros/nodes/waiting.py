@@ -11,6 +11,7 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters
 from rclpy.action.client import ActionClient
 from rclpy.client import Client
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -148,3 +149,14 @@ def namespace_hint(node: Node, *topics: str) -> str:
     missing = [node.resolve_topic_name(topic) for topic in topics]
     alike = sorted({other for topic in missing for other in look_alikes(topic, names)})
     return f" There is {' and '.join(alike)}: is the namespace right?" if alike else ""
+
+
+class PatientExecutor(MultiThreadedExecutor):
+    """Ends after the callbacks that have begun, as rclpy 7.1 means to: it takes away what they need."""
+
+    def shutdown(self, timeout_sec: float = 1.0) -> bool:
+        """Wait for them first."""
+        end = time.monotonic() + timeout_sec
+        while not all(callback.done() for callback in self._futures) and time.monotonic() < end:
+            time.sleep(0.005)
+        return bool(super().shutdown(timeout_sec))
