@@ -141,6 +141,7 @@ setup(
             "inverse_dynamics = tel_ros.nodes.inverse_dynamics:main",
             "trial_recorder = tel_ros.nodes.trial_recorder:main",
             "practice_manager = tel_ros.nodes.practice_manager:main",
+            "feedforward_controller = tel_ros.nodes.serving.feedforward_controller:main",
             "sim_bridge = sim_bridge.node:main",
         ],
         **{

@@ -32,6 +32,7 @@ MODULES = {
     "arm_guard": "tel_ros.nodes.arm_guard",
     "ep_controller": "tel_ros.nodes.ep_controller",
     "practice_manager": "tel_ros.nodes.practice_manager",
+    "feedforward_controller": "tel_ros.nodes.serving.feedforward_controller",
 }
 """The nodes in the order in which they start. They end in the opposite order: the arm last, and the guard
 watches the controller to its end."""
@@ -41,9 +42,14 @@ _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 
 
-def node_names(config: Config) -> list[str]:
-    """Return the nodes that a run of this configuration starts."""
+ASKED = "practice_manager", "feedforward_controller"
+"""Nodes that have the arm moved: for practice, and in service."""
+
+
+def node_names(config: Config, asked: str = "practice_manager") -> list[str]:
+    """Return the nodes that a run of this configuration starts; ``asked``: the one that moves the arm."""
     needed = {"sim_bridge": config.run.arm == "sim", "arm_guard": config.is_guarded}
+    needed |= {name: name == asked for name in ASKED}
     return [name for name in MODULES if needed.get(name, True)]
 
 
@@ -159,7 +165,7 @@ class NodeProcesses:
 
     def brake(self) -> None:
         """Have the controller brake before anything else happens, and the run end."""
-        for name, number in (("ep_controller", BRAKE_SIGNAL), ("practice_manager", signal.SIGINT)):
+        for name, number in (("ep_controller", BRAKE_SIGNAL), *((name, signal.SIGINT) for name in ASKED)):
             if process := self._processes.get(name):
                 process.send_signal(number)
 

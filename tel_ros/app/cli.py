@@ -20,6 +20,7 @@ COMMANDS = {
     "replay": "tel_ros.app.replay_command:replay",
     "report": "tel_ros.app.report.command:report",
     "reset": "tel_ros.app.stop_command:reset",
+    "serve": "tel_ros.app.serve_command:serve",
     "stop": "tel_ros.app.stop_command:stop",
     "train": "tel_ros.app.train:train",
     "view": "tel_ros.app.view.command:view",
@@ -45,6 +46,7 @@ def main() -> None:
     tel report bags/RUN                 its report again; several runs side by side
     tel check my_arm.yaml               does the arm match its configuration? before it moves far
     tel deploy bags/RUN --out DIR       the practised movement for the stock joint_trajectory_controller
+    tel serve CONFIG --folder DIR       the trajectories of others, e.g. of MoveIt, better each time
     tel fastest planar_arm              how fast the path could be run, by its URDF or by a run
     tel compare planar_arm              other methods beside it: one table, one figure
     tel sweep planar_arm …              many practice runs over grids of values, one table

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tel_interfaces.action import Practice
 
-from tel_ros.app.bring_up import NodeProcesses, node_names, preloading, require_simulator
+from tel_ros.app.bring_up import ASKED, NodeProcesses, node_names, preloading, require_simulator
 from tel_ros.app.errors import GraphError, Interruption
 from tel_ros.core.config import Config, PathConfig
 from tel_ros.core.control.tracking import Limits
@@ -103,7 +103,7 @@ def practise(
         GraphError: a graph is running already, a node died or did not come up; the graph is down.
         Interrupted: by a signal, after the graph was taken down; says what was seen of the arm.
     """
-    with _client_node(config, namespace) as (node, waiting):
+    with client_node(config, namespace) as (node, waiting):
         create_run_folder(folder, config)
         with run_lock(folder):
             return _run(node, config, folder, on_feedback, beside, waiting, resume=False)
@@ -127,16 +127,22 @@ def resume(
 
     config = resumed_config(folder)
     # The nodes of the run may still be on their way to bring the arm to rest.
-    with run_lock(folder), _client_node(config, namespace) as (node, waiting):
+    with run_lock(folder), client_node(config, namespace) as (node, waiting):
         on_prepared(prepare_to_resume(folder, config))
         return _run(node, config, folder, on_feedback, beside, waiting, resume=True)
 
 
 @contextmanager
-def _client_node(config: Config, namespace: str) -> Iterator[tuple[Node, dict[str, Popen[bytes]]]]:
+def client_node(
+    config: Config,
+    namespace: str,
+    asked: str = "practice_manager",
+    check: Callable[[Config], None] = check_before_moving,
+) -> Iterator[tuple[Node, dict[str, Popen[bytes]]]]:
     """Make the node that asks for a run that can be done, where no graph is running, and its executor.
 
-    Meanwhile the processes of the run's nodes import what they need: they come as well.
+    Meanwhile the processes of the run's nodes import what they need: they come as well. ``asked``: the one
+    that has the arm moved. ``check``: raises if that cannot be done.
     """
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
@@ -147,8 +153,8 @@ def _client_node(config: Config, namespace: str) -> Iterator[tuple[Node, dict[st
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         discovered_at = time.monotonic() + DISCOVERY_S
-        with preloading(node_names(config)) as waiting:
-            check_before_moving(config)  # while others are being discovered
+        with preloading(node_names(config, asked)) as waiting:
+            check(config)  # while others are being discovered
             _refuse_second_graph(node, executor, config, discovered_at)
             yield node, waiting
         node.destroy_node()
@@ -162,7 +168,7 @@ def _client_node(config: Config, namespace: str) -> Iterator[tuple[Node, dict[st
 def _refuse_second_graph(
     node: Node, executor: SingleThreadedExecutor, config: Config, discovered_at: float
 ) -> None:
-    ours, all_are_known, space = set(node_names(config)), False, node.get_namespace()
+    ours, all_are_known, space = {*node_names(config), *ASKED}, False, node.get_namespace()
     while not all_are_known:
         all_are_known = time.monotonic() >= discovered_at
         executor.spin_once(timeout_sec=0.1)
@@ -189,7 +195,7 @@ def _run(
     resume: bool,
 ) -> Practice.Result:
     executor, config_file, logs = node.executor, folder / CONFIG_FILE, folder / LOG_FOLDER
-    assert executor is not None  # _client_node
+    assert executor is not None  # client_node
     space = node.get_namespace()
     nodes = NodeProcesses(
         config_file, node_names(config), logs, resume=resume, namespace=space, waiting=waiting

@@ -67,6 +67,7 @@ class TrialRecorderNode(Node):
         self._missing: dict[str, int] = {}
         self._trouble = ""
         self._ticks: Counter[int] = Counter()
+        self._is_over = False
         busy = BusyGroup()
         self.batch_s = _BATCH_S
         self.busy_subscriptions = [
@@ -114,6 +115,7 @@ class TrialRecorderNode(Node):
             return  # an arm in lockstep repeats its state until it gets an answer
         if topic == topics.CONTROL_STATES:
             index = trial_index(raw)
+            self._is_over = index == 0 and self._ticks.total() > 0
             if index == 0:
                 return  # said between trials
             self._ticks[index] += 1
@@ -140,8 +142,12 @@ class TrialRecorderNode(Node):
     ) -> StartRecording.Response:
         bag = Path(request.bag)
         try:
-            if self._writer is not None:
+            if self._writer is not None and not self._is_over:
                 raise BagError(bag, f"{self._writer.bag} is being recorded", "one recording at a time")
+            if self._writer is not None:  # who has started it died, and the trial went to its end
+                abandoned, self._writer = self._writer, None
+                self.get_logger().warning(f"nobody has ended the recording {abandoned.bag}: left unfinished")
+                abandoned.abandon()
             await self._until(lambda: not self._silent(), DISCOVERY_TIMEOUT_S)
             if self._silent():
                 silent = ", ".join(map(self.resolve_topic_name, self._silent()))
@@ -162,6 +168,7 @@ class TrialRecorderNode(Node):
         self._last_bag, self._trouble, self._missing = bag, "", {}
         self._stamps = {topic: [] for topic in topics.RECORDED_LIVE}
         self._ticks.clear()
+        self._is_over = False
         self._writer = writer
         response.success = True
         return response

@@ -10,7 +10,7 @@ import math
 import os
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +45,18 @@ def create_run_folder(folder: Path, config: Config) -> Config:
         raise InputFileError(
             folder, f"cannot be made ({error.strerror})", "a folder that can be written"
         ) from error
+    return write_run_config(folder, config)
+
+
+def write_run_config(folder: Path, config: Config) -> Config:
+    """Write a configuration into a folder, with the files that it names; return it as written."""
     copies: dict[str, str] = {}
     for key, file in file_values(config).items():
         # Two files of different folders may have one name.
         taken = file.name in copies.values()
         copies[key] = f"{key.split('.')[1]}_{file.name}" if taken else file.name
-        shutil.copy(file, folder / copies[key])
+        with suppress(shutil.SameFileError):
+            shutil.copy(file, folder / copies[key])
     written = dataclasses.replace(with_files(config, copies), versions=versions())
     write_atomically(folder / CONFIG_FILE, dump_config(written))
     return written

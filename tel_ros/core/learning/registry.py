@@ -80,18 +80,19 @@ OURS: dict[str, LearnerKind] = {
 }
 
 
-def require_extrapolating(name: str) -> None:
-    """Refuse a learner that cannot tell what faster movements need than those that it has seen.
+def require_extrapolating(
+    name: str, because: str = "practice.goal is 'fastest': it has to know what faster movements need"
+) -> None:
+    """Refuse a learner that cannot tell what other movements need than those that it has seen.
 
-    A kind of another package tells by an attribute ``extrapolates``.
+    A kind of another package tells by an attribute ``extrapolates``. ``because``: why it has to, for people.
 
     Raises:
         ConfigError: it cannot, or is not known.
     """
     if not getattr(learner_kind(name), "extrapolates", False):
         able = " or ".join(ours for ours, kind in OURS.items() if getattr(kind, "extrapolates", False))
-        expected = f"{able}, because practice.goal is 'fastest': it has to know what faster movements need"
-        raise ConfigError("learning.name", name, expected)
+        raise ConfigError("learning.name", name, f"{able}, because {because}")
 
 
 @cache

@@ -1,0 +1,1 @@
+"""The node that executes trajectories of others, and what it needs of the graph."""
