@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -33,13 +34,14 @@ class Service:
     """A graph with a service, and a client of its action."""
 
     def __init__(self, running: Graph) -> None:
-        self.running = running
+        self.running, self.environment = running, dict(os.environ)  # each test has another domain
         self.start()
 
     def start(self) -> None:
         """Start the node as ``ros2 run`` does, and a client of it."""
         command = [sys.executable, "-m", "tel_ros.nodes.serving.feedforward_controller", "--ros-args"]
-        self.server = subprocess.Popen([*command, "-p", f"config:={self.running.folder / 'run.yaml'}"])
+        command += ["-p", f"config:={self.running.folder / 'run.yaml'}"]
+        self.server = subprocess.Popen(command, env=self.environment)
         running = self.running
         self.client = ActionClient(running.node, FollowJointTrajectory, f"{SERVER}/follow_joint_trajectory")
         running.meet(SERVER)
