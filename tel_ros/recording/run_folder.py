@@ -192,22 +192,22 @@ def json_ready(value: Any) -> Any:
 
 
 @contextmanager
-def run_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder of a run; the operating system gives it free when this process ends, however it ends.
+def run_lock(folder: Path, name: str = CONFIG_FILE, what: str = "practice run") -> Iterator[None]:
+    """Hold the folder of a run by a file that stays; the operating system gives it free when this process ends, however it ends.
 
     File systems that know no locks do without. Raises InputFileError if another process holds it, or it has
     no configuration.
     """
     try:
-        file = (folder / CONFIG_FILE).open("rb")
+        file = (folder / name).open("rb")
     except OSError as error:
         found = f"cannot be opened ({error.strerror})"
-        raise InputFileError(folder / CONFIG_FILE, found, "the folder of a practice run") from error
+        raise InputFileError(folder / name, found, f"the folder of a {what}") from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                found = "a practice run is under way in it"
+                found = f"a {what} is under way in it"
                 raise InputFileError(folder, found, "a run that was interrupted and has ended") from None
         yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from tel_ros.recording.run_folder import (
 )
 
 MEMORY_FILE = "service.json"
+LOCK_FILE = ".service.lock"
 KEPT_NETWORKS = 10
 _REACHED_IN_S = 0.1
 """In which a joint may get from rest to its velocity limit, for the range of accelerations of trees."""
@@ -90,7 +91,9 @@ def open_service(folder: Path, config: Config) -> Iterator[ServiceFolder]:
     """
     if not folder.exists():
         create_run_folder(folder, config)
-    with run_lock(folder):
+    with suppress(OSError):
+        (folder / LOCK_FILE).touch()
+    with run_lock(folder, LOCK_FILE, "service"):
         if (folder / SUMMARY_FILE).exists():
             expected = "a folder of its own (what was practised: learning.start_from)"
             raise InputFileError(folder, "is the folder of a practice run", expected)
