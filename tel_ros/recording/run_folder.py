@@ -193,10 +193,10 @@ def json_ready(value: Any) -> Any:
 
 @contextmanager
 def run_lock(folder: Path, name: str = CONFIG_FILE, what: str = "practice run") -> Iterator[None]:
-    """Hold the folder of a run by a file that stays; the operating system gives it free when this process ends, however it ends.
+    """Hold the folder of a run; the operating system gives it free when this process ends, however it ends.
 
-    File systems that know no locks do without. Raises InputFileError if another process holds it, or it has
-    no configuration.
+    It is held by the file ``name``, which must not be replaced meanwhile. File systems that know no locks do
+    without. Raises InputFileError if another process holds it, or it has no such file.
     """
     try:
         file = (folder / name).open("rb")
