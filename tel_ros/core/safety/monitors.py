@@ -242,8 +242,9 @@ class FirstMotion:
     - efforts that swing from one side to the other faster than an arm moves.
     """
 
-    FIRST_RAD = 0.01
-    """The distance from which on doublings are timed."""
+    FIRST_RAD, FIRST_STEPS, SURE_RAD = 0.0025, 6.0, 0.039
+    """The distance, also in steps of the encoder, from which on doublings are timed; from where on two of
+    them are enough, instead of three."""
     SHORTER, LONGER = 0.8, 1.1
     """How long a doubling has to take, by the one before it, to be the spring's."""
     DOUBLING, MARGIN = 0.93, 1.4
@@ -295,6 +296,7 @@ class FirstMotion:
         times, before = joint.times, joint.away
         if away < 0.5 * self.FIRST_RAD:
             times.clear()
+            joint.driven = False
             return False
         while away >= (mark := self.FIRST_RAD * 2.0 ** len(times)):
             share = (mark - before) / (away - before) if away > before else 1.0
@@ -302,8 +304,11 @@ class FirstMotion:
             if len(times) < 3:
                 continue
             before_s, last_s = times[-2] - times[-3], times[-1] - times[-2]
-            if self.SHORTER * before_s <= last_s <= min(self.LONGER * before_s, longest_s):
+            driven = self.SHORTER * before_s <= last_s <= min(self.LONGER * before_s, longest_s)
+            coarse = 0.25 * mark < self.FIRST_STEPS * joint.step_rad
+            if driven and not coarse and (joint.driven or mark >= self.SURE_RAD):
                 return True
+            joint.driven = driven and not coarse
         return False
 
     def _swings_about(self, joint: _WatchedJoint, q: float, upward: bool, now_s: float) -> bool:
@@ -328,4 +333,6 @@ class _WatchedJoint:
     upward: bool = False
     step_rad: float = math.inf
     times: list[float] = field(default_factory=list)
+    driven: bool = False
+    """When it passed the marks; whether the last doubling took as long as a spring's."""
     swings: list[float] = field(default_factory=list)

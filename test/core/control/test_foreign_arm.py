@@ -184,9 +184,9 @@ def test_a_stop_for_frozen_readings_is_left_by_a_reset() -> None:
     ("fault", "fastest_rad_s", "says"),
     [
         ("swapped_commands", 2.5, "elbow moves away from where it is pulled"),
-        ("swapped_states", 2.5, "shoulder moves away from where it is pulled"),
-        ("flipped_effort", 3.5, "elbow moves away from where it is pulled"),
-        ("flipped_position", 1.0, "shoulder moves away from where it is pulled"),
+        ("swapped_states", 1.5, "shoulder moves away from where it is pulled"),
+        ("flipped_effort", 2.0, "elbow moves away from where it is pulled"),
+        ("flipped_position", 0.7, "shoulder moves away from where it is pulled"),
         (
             "degrees_velocity",
             2.0,
@@ -222,6 +222,19 @@ def test_only_as_fast_as_its_spring_could_drive_it_a_joint_counts_as_running_awa
         for k in range(500)
     ]
     assert any("elbow moves away" in words for words in found) == is_driven
+
+
+@pytest.mark.parametrize(("step_rad", "found_by_rad"), [(1e-4, 0.021), (6e-4, 0.041), (1.5e-3, 0.042)])
+def test_a_joint_that_runs_away_is_found_as_early_as_its_encoder_permits(
+    step_rad: float, found_by_rad: float
+) -> None:
+    monitor, posture = FirstMotion(arm_config()), np.array(START)
+    monitor.begin(START)
+    for k in range(500):
+        away = step_rad * round(1e-3 * 2.0 ** (0.002 * k / 0.12) / step_rad)
+        if monitor.look(ArmState(k * 2_000_000, posture + [0.0, away], np.zeros(2)), posture, np.zeros(2)):
+            break
+    assert 0.019 < away < found_by_rad
 
 
 @pytest.mark.parametrize(
