@@ -189,6 +189,7 @@ def config_hash(config: Config) -> str:
         InputFileError: a file that the configuration names cannot be read.
     """
     values = {key: value for key, value in flat_values(config).items() if key != "versions"}
+    values["path.files"] = config.path.names
     values |= {key: _file_hash(file) for key, file in file_values(config).items()}
     return hash_of({"tel_ros": __version__, **values})
 

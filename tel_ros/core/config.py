@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tel_ros.core.arm_config import ArmConfig as ArmConfig
 from tel_ros.core.arm_config import ControlConfig as ControlConfig
@@ -32,6 +32,7 @@ from tel_ros.core.config_fields import (
     declared,
 )
 from tel_ros.core.config_fields import JointValues as JointValues
+from tel_ros.core.trajectories.paths import NAMED_PATHS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +47,15 @@ class RunConfig(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class PathConfig(Checked):
-    """The shape of the movement: a built-in path by name, or waypoints from a file."""
+    """The shape of the movement, or of several: a built-in path by name, or waypoints from a file."""
 
     name: str = ""
     """Built-in path."""
     file: TextFile = ""
     """CSV with a header line of joint names and one row of joint angles in rad per waypoint."""
+    files: tuple[TextFile, ...] = ()
+    """Several paths that one network learns: each a CSV like ``file``, or the name of a built-in path. A path
+    is called like its file, without the ending; ``practice.trials`` is for each."""
     known_name: str = ""
     """``practice.vary`` with ``shape``: the built-in path to begin with..."""
     known_file: TextFile = ""
@@ -59,10 +63,21 @@ class PathConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        expected = f"either a name or a file (file is {self.file!r}), and not both"
-        self.require(bool(self.name) != bool(self.file), "name", expected)
+        if self.files:
+            neither = not (self.name or self.file)
+            self.require(neither, "file" if self.file else "name", "nothing, because path.files is given")
+            once = all(self.names) and len(set(self.names)) == len(self.names)
+            self.require(once, "files", "files whose names differ, also without their endings")
+        else:
+            expected = f"either a name or a file (file is {self.file!r}), and not both; or files"
+            self.require(bool(self.name) != bool(self.file), "name", expected)
         expected = f"a name or a file (known_file is {self.known_file!r}), and not both"
         self.require(not (self.known_name and self.known_file), "known_name", expected)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What several paths are called; empty: there is one."""
+        return tuple(Path(file).stem for file in self.files)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,15 +296,37 @@ def file_keys() -> Mapping[str, FileRole]:
 
 
 def file_values(config: Config) -> dict[str, Path]:
-    """Return the files that a configuration names, by dotted key; keys without a file are left out."""
-    named = {key: getattr(getattr(config, (part := key.split("."))[0]), part[1]) for key in file_keys()}
-    return {key: Path(name) for key, name in named.items() if name}
+    """Return the files that a configuration names, by dotted key; keys without a file are left out.
+
+    Those of a list have their place behind its key: ``path.files.0``.
+    """
+    named: dict[str, str] = {}
+    for key in file_keys():
+        section, name = key.split(".")
+        value = getattr(getattr(config, section), name)
+        named |= {key: value} if isinstance(value, str) else {f"{key}.{i}": v for i, v in enumerate(value)}
+    return {key: Path(name) for key, name in named.items() if name and not is_built_in(key, name)}
+
+
+def is_built_in(key: str, name: str) -> bool:
+    """Return whether an element of a list of paths names one that is built in, and no file."""
+    return key.startswith("path.files") and name in NAMED_PATHS
+
+
+def is_binary(key: str) -> bool:
+    """Return whether the file of a key, or of a place in its list, is stored with the first trial only."""
+    return file_keys()[".".join(key.split(".")[:2])].binary
 
 
 def with_files(config: Config, files: Mapping[str, str]) -> Config:
-    """Return a configuration with other names for some of its files, by dotted key."""
+    """Return a configuration with other names for some of its files, by the keys of :func:`file_values`."""
     for key, name in files.items():
-        section, field_name = key.split(".")
-        part = dataclasses.replace(getattr(config, section), **{field_name: name})
-        config = dataclasses.replace(config, **{section: part})
+        section, field_name, *place = key.split(".")
+        part = getattr(config, section)
+        value: Any = name
+        if place:
+            value = list(getattr(part, field_name))
+            value[int(place[0])] = name
+            value = tuple(value)
+        config = dataclasses.replace(config, **{section: dataclasses.replace(part, **{field_name: value})})
     return config

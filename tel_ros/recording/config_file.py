@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from tel_ros.core.config import Config, file_keys
+from tel_ros.core.config import Config, file_keys, is_built_in
 from tel_ros.core.config_fields import SourceOf, read_record
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.plain_urdf import check_dynamics
@@ -28,12 +28,13 @@ from tel_ros.recording.urdf import described
 RENAMED = {"control.corridor_rad": "control.path_tolerance_rad"}
 """Keys of the previous version, which still work. Files say so with a warning, recorded runs silently."""
 _REPLACES = {
-    "path.file": "name",
-    "path.name": "file",
-    "path.known_file": "known_name",
-    "path.known_name": "known_file",
+    "path.file": ("name", "files"),
+    "path.name": ("file", "files"),
+    "path.files": ("name", "file"),
+    "path.known_file": ("known_name",),
+    "path.known_name": ("known_file",),
 }
-"""Options that take the place of another key of their section."""
+"""Options that take the place of other keys of their section."""
 
 
 def load_config(
@@ -189,7 +190,9 @@ def _one_holds_the_other(key: str, other: str) -> bool:
 
 
 def _resolved(key: str, value: Any, folder: Path) -> Any:
-    names_file = key in file_keys() and isinstance(value, str) and value
+    if isinstance(value, list):
+        return [_resolved(key, each, folder) for each in value]
+    names_file = key in file_keys() and isinstance(value, str) and value and not is_built_in(key, value)
     return str(named_file(value, folder, key)) if names_file else value
 
 
@@ -207,7 +210,8 @@ def _override(raw: dict[str, Any], assignment: str) -> tuple[str, str]:
         key = RENAMED[key]
     value = _resolved(key, value, Path.cwd())
     if key in _REPLACES and value and isinstance(raw.get("path"), dict):
-        raw["path"].pop(_REPLACES[key], None)
+        for replaced in _REPLACES[key]:
+            raw["path"].pop(replaced, None)
     _assign(raw, key, value, f"--set {assignment}")
     return key, assignment
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from tel_ros import __version__
-from tel_ros.core.config import Config, file_keys, file_values, with_files
+from tel_ros.core.config import Config, file_values, is_binary, with_files
 from tel_ros.core.errors import BagError, TelError
 from tel_ros.recording.config_file import config_from
 
@@ -33,7 +33,7 @@ def stored_files(config: Config, trial: int) -> dict[str, str]:
     """Return the files that a configuration names, as keys of a trial's bag metadata to contents."""
     contents = {}
     for key, file in file_values(config).items():
-        if trial == 1 or not file_keys()[key].binary:
+        if trial == 1 or not is_binary(key):
             contents[_PREFIX + key] = _BASE64 + base64.b64encode(file.read_bytes()).decode("ascii")
     return contents
 
@@ -69,8 +69,8 @@ def unpacked_config(bag: Path, metadata: Mapping[str, str], folder: Path) -> Con
 
 
 def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -> bytes:
-    stored, is_binary = metadata.get(_PREFIX + key), file_keys()[key].binary
-    if stored is not None and not (is_binary or stored.startswith(_BASE64)):
+    stored, binary = metadata.get(_PREFIX + key), is_binary(key)
+    if stored is not None and not (binary or stored.startswith(_BASE64)):
         return stored.encode("utf-8")
     if stored is not None:
         try:
@@ -82,7 +82,7 @@ def _content(bag: Path, metadata: Mapping[str, str], config: Config, key: str) -
     try:
         return beside.read_bytes()
     except OSError:
-        what = "the bag of the run's first trial" if is_binary else "a bag with all its files"
+        what = "the bag of the run's first trial" if binary else "a bag with all its files"
         found = f"does not hold {key}, and {beside} is not there"
         raise BagError(bag, found, f"{what}, or the whole folder of the run") from None
 

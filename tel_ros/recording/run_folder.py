@@ -81,16 +81,17 @@ def open_run_folder(folder: Path, config: Config) -> Config:
     used, written = flat_values(config), flat_values(load_config(file))
     for key in used | written:
         value = written.get(key)
-        names_files = key in file_keys() and value and used[key]
-        same = (
-            Path(value).read_bytes() == Path(used[key]).read_bytes()
-            if names_files and value
-            else value == used.get(key)
-        )
+        same = _contents(value) == _contents(used.get(key)) if key in file_keys() else value == used.get(key)
         if not same and not key.startswith("versions"):
             expected = f"{used.get(key)!r}, as in the configuration of the nodes, or a new folder"
             raise InputFileError(file, f"{key} is {value!r}", expected)
     return written_config(folder)
+
+
+def _contents(names: Any) -> list[str | bytes]:
+    """Return what the files of a key hold; of what names no file, the name."""
+    files = [names] if isinstance(names, str) else names
+    return [Path(name).read_bytes() if Path(name).is_file() else name for name in files]
 
 
 def written_config(folder: Path) -> Config:

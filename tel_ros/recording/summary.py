@@ -23,6 +23,8 @@ class TrialRow(TrialReport):
     """
 
     reason: str = ""
+    path: str | None = None
+    """Which; None: there is one."""
     went_back_to: int | None = None
     expected_rms_rad: float = math.nan
     effort_share: float | None = None
@@ -42,6 +44,7 @@ class TrialRow(TrialReport):
         return cls(
             **{field.name: getattr(done.report, field.name) for field in fields(TrialReport)},
             reason=done.plan.reason,
+            path=done.plan.movement.path or None,
             went_back_to=done.plan.go_back_to,
             expected_rms_rad=done.plan.expected_rms_rad,
             effort_share=done.plan.movement.effort_share,

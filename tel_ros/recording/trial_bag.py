@@ -56,6 +56,7 @@ def trial_metadata(plan: PlannedTrial, config: Config, written: Config, revision
         "alpha": repr(plan.alpha),
         "duration_s": repr(plan.movement.own_duration_s),
         "reason": plan.reason,
+        **({"path": plan.movement.path} if plan.movement.path else {}),
         "seed": str(config.seed),
         GO_BACK_TO: "" if plan.go_back_to is None else str(plan.go_back_to),
         REVISION: revision,

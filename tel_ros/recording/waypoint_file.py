@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tel_ros.core.config import ArmConfig, PathConfig
 from tel_ros.core.errors import InputFileError, counted
+from tel_ros.core.trajectories.paths import NAMED_PATHS, named_path, waypoint_path
 from tel_ros.core.trajectories.paths import Path as JointPath
-from tel_ros.core.trajectories.paths import named_path, waypoint_path
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.shared_files import missing
 
 
 def load_path(path: PathConfig, arm: ArmConfig) -> JointPath:
-    """Return the configured path, built in (ConfigError if there is none) or from a file (InputFileError)."""
+    """Return the configured path, built in (ConfigError if there is none) or from a file (InputFileError).
+
+    Of several, the first, which has all of them beside it.
+    """
+    if path.files:
+        several = [
+            _load(file if file in NAMED_PATHS else "", file, "path.", arm, "files") for file in path.files
+        ]
+        return replace(several[0], library=tuple(several))
     return _load(path.name, path.file, "path.", arm)
 
 
@@ -28,10 +37,10 @@ def load_known_path(path: PathConfig, arm: ArmConfig) -> JointPath | None:
     return _load(path.known_name, path.known_file, "path.known_", arm)
 
 
-def _load(name: str, file: str, keys: str, arm: ArmConfig) -> JointPath:
+def _load(name: str, file: str, keys: str, arm: ArmConfig, listed: str = "") -> JointPath:
     if name:
-        return named_path(name, len(arm.joints), f"{keys}name")
-    return waypoint_path(Path(file).stem, read_waypoints(Path(file), arm.joints, f"{keys}file"))
+        return named_path(name, len(arm.joints), keys + (listed or "name"))
+    return waypoint_path(Path(file).stem, read_waypoints(Path(file), arm.joints, keys + (listed or "file")))
 
 
 def read_waypoints(file: Path, joints: tuple[str, ...], key: str = "path.file") -> FloatArray:

@@ -227,19 +227,21 @@ def test_a_key_declared_as_a_file_is_resolved_stored_in_bags_and_copied_to_the_r
     raw = yaml.safe_load((config_folder / "run.yaml").read_text())
     raw["arm"] = yaml.safe_load((config_folder / "arms" / "two_link.yaml").read_text())
     raw["arm"]["urdf"] = "robots/planar_arm.urdf"
-    raw.setdefault(section, {})[name] = "some.file"
-    if key == "path.file":
+    is_list = key == "path.files"
+    raw.setdefault(section, {})[name] = ["some.file"] if is_list else "some.file"
+    if key in ("path.file", "path.files"):
         del raw["path"]["name"]
     (config_folder / "some.file").write_bytes(content)
     (config_folder / "named.yaml").write_text(yaml.safe_dump(raw))
     named = load_config(config_folder / "named.yaml", others)
-    assert file_values(named)[key] == (config_folder / "some.file").resolve()
+    place = f"{key}.0" if is_list else key
+    assert file_values(named)[place] == (config_folder / "some.file").resolve()
 
     monkeypatch.chdir(config_folder)
-    option = load_config(config_folder / "run.yaml", [f"{key}=some.file", *others])
-    assert file_values(option)[key] == (config_folder / "some.file").resolve()
+    option = load_config(config_folder / "run.yaml", [f"{key}={'[some.file]' if is_list else 'some.file'}", *others])
+    assert file_values(option)[place] == (config_folder / "some.file").resolve()
 
     metadata = {"config": dump_config(create_run_folder(tmp_path / "run", named)), **stored_files(named, 1)}
     shutil.rmtree(tmp_path / "run")
     unpacked = unpacked_config(tmp_path / "run" / "trial_001", metadata, tmp_path)
-    assert file_values(unpacked)[key].read_bytes() == content
+    assert file_values(unpacked)[place].read_bytes() == content

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from tel_ros.core.config import PracticeConfig
 from tel_ros.core.practice.strategy import Movement
@@ -120,9 +120,9 @@ class Course:
     def on_leg(self, leg: Leg, value: float) -> Movement:
         """Return the movement at a value of what varies on a leg."""
         i = self.legs.index(leg)
-        values = {_field(leg): leg.goal for leg in self.legs[:i]}
+        values: dict[str, Any] = {_field(leg): leg.goal for leg in self.legs[:i]}
         values |= {_field(leg): leg.first for leg in self.legs[i + 1 :]}
-        return replace(self._goal, **values, **{_field(leg): value})
+        return replace(self._goal, **values | {_field(leg): value})
 
     def alpha(self, movement: Movement) -> float:
         """Return the practice parameter: the product of the shares of the goal that there are already."""

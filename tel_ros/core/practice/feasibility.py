@@ -49,6 +49,8 @@ def require_within_velocity_limits(
     where = "" if fastest.is_whole else f" {fastest.part_text}"
     if fastest.shape == 0.0:
         where = " on the known path"
+    if fastest.path:
+        where += f" ({fastest.path})"
     raise ConfigError(
         f"practice.{key}",
         value,

@@ -21,7 +21,7 @@ def movement_path(goal: Path, known: Path | None, movement: Movement) -> Path:
     Raises:
         ConfigError: the shape varies, and no path is known.
     """
-    path = goal
+    path = goal.named(movement.path)
     if movement.shape != 1.0:
         if known is None:
             raise ConfigError("path.known_name", "", "a known path (or known_file), because shape is varied")

@@ -146,7 +146,9 @@ class PracticeSession(Generic[TrialT]):
         self.strategy, self.arm, self.network = strategy, arm, network
         self._last: TrialReport | None = None
         self._has_completed = False
-        self._lock_up = LockUpMonitor(config.practice.tolerance_rad)
+        self._lock_up = {
+            name: LockUpMonitor(config.practice.tolerance_rad) for name in config.path.names or ("",)
+        }
 
     def next(self) -> PlannedTrial | Ending:
         """Return what the strategy decides after the last trial. Ask once a trial: it is a state machine.
@@ -223,7 +225,9 @@ class PracticeSession(Generic[TrialT]):
         warning = ""
         if training is not None:
             learned_rad = training.training_rms_before_rad, training.training_rms_after_rad
-            warning = self._lock_up.after_trial(plan.alpha, report.rms_error_rad, *learned_rad)
+            warning = self._lock_up[plan.movement.path].after_trial(
+                plan.alpha, report.rms_error_rad, *learned_rad
+            )
         return PractisedTrial(plan, report, trial, training, note, warning)
 
 

@@ -17,6 +17,7 @@ from tel_ros.core.plugins import plugin
 from tel_ros.core.practice.adaptive import AdaptiveExtension
 from tel_ros.core.practice.course import Course, Leg
 from tel_ros.core.practice.fastest import Fastest
+from tel_ros.core.practice.library import Library
 from tel_ros.core.practice.strategy import Ending, Forecaster, Movement, PlannedTrial, Strategy
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import FloatArray
@@ -195,7 +196,7 @@ OURS: dict[str, Callable[[Config], Strategy]] = {
 
 
 def make_strategy(config: Config) -> Strategy:
-    """Return a new strategy of the configured name.
+    """Return a new strategy of the configured name; for several paths one for each (:class:`.Library`).
 
     Raises:
         ConfigError: the name is not known, what an entry point names cannot be used, or the strategy cannot
@@ -206,6 +207,8 @@ def make_strategy(config: Config) -> Strategy:
         expected = "adaptive_extension, because goal is 'fastest'"
         raise ConfigError("practice.strategy", name, expected)
     methods = ("preview", "next", "movements_to_cover", "fastest_movements")
-    return plugin(
-        "practice.strategy", config.practice.strategy, GROUP, OURS, methods, lambda make: make(config)
-    )
+
+    def made(config: Config) -> Strategy:
+        return plugin("practice.strategy", name, GROUP, OURS, methods, lambda make: make(config))
+
+    return Library(config, made) if config.path.files else made(config)

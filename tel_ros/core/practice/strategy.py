@@ -25,6 +25,7 @@ class Movement:
         end: where it ends; above ``start``.
         effort_share: how much of the effort limits the movement may use, and then it is as fast as what has
             been learned allows (``practice.timing``). None: minimum jerk in the duration.
+        path: which, where practice has several; empty: the only one.
     """
 
     duration_s: float
@@ -34,6 +35,7 @@ class Movement:
     start: float = 0.0
     end: float = 1.0
     effort_share: float | None = None
+    path: str = ""
 
     @property
     def own_duration_s(self) -> float:

@@ -23,6 +23,12 @@ class Path:
     evaluate: Callable[[FloatArray], Derivatives]
     """From s of shape (n,), 0 at the start and 1 at the end, to q [rad], dq/ds and d²q/ds², each of shape
     (n, n_joints)."""
+    library: tuple[Path, ...] = ()
+    """All paths that are practised, where they are several; this is the first of them."""
+
+    def named(self, name: str) -> Path:
+        """Return a path of the library; empty: this one."""
+        return next(path for path in self.library if path.name == name) if name else self
 
 
 @dataclass(frozen=True)
