@@ -128,17 +128,18 @@ def limited_by(
     return [(joint, *row) for joint, row in zip(arm.joints, np.array(columns).T.tolist(), strict=True)]
 
 
-def by_urdf(config_file: Path, overrides: Sequence[str]) -> Possible:
-    """Return what the URDF's own masses, inertias and frictions would allow.
+def by_urdf(config_file: Path, overrides: Sequence[str], path: str = "") -> Possible:
+    """Return what the URDF's own masses, inertias and frictions would allow; ``path``: which of several.
 
     Raises:
-        ConfigError: the configuration is wrong, or Pinocchio is not installed.
+        ConfigError: the configuration is wrong, there is no such path, or Pinocchio is not installed.
         InputFileError: a file cannot be read, or the URDF tells no inertia that a joint would have to move.
     """
     from tel_ros.core.learning.rigid_body import RigidBodyRegressor
     from tel_ros.recording.urdf import urdf_text
 
     config = load_config(config_file, overrides)
+    config = replace(config, path=config.path.one(path))
     arm, description = config.arm, described(config.arm)
     check_dynamics(description, arm.hand_link)
     regressor = RigidBodyRegressor(urdf_text(description), arm.joints)
@@ -153,12 +154,14 @@ def by_urdf(config_file: Path, overrides: Sequence[str]) -> Possible:
     return Possible(config, offsets, f"the URDF {Path(arm.urdf).name}")
 
 
-def by_run(folder: Path) -> Possible:
-    """Return what was learned in a run allows.
+def by_run(folder: Path, path: str = "") -> Possible:
+    """Return what was learned in a run allows; ``path``: which of several.
 
     Raises:
+        ConfigError: there is no such path.
         InputFileError: the folder is not that of a run, or has no network yet.
         NetworkFileError: the network cannot be read.
     """
     config = load_config(folder / CONFIG_FILE)
+    config = replace(config, path=config.path.one(path))
     return Possible(config, load_network(folder / NETWORK_FILE).predict, f"what was learned in {folder.name}")

@@ -18,8 +18,11 @@ from tel_ros.core.errors import ConfigError, InputFileError
     "--joint-limits", type=click.Path(path_type=Path), help="joint_limits.yaml to write; must not exist."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else.")
+@click.option("--path", default="", help="Which of several paths (path.files): its name.")
 @overrides_option("Another value for a key, e.g. practice.effort_share=0.8.")
-def fastest(source: str, joint_limits: Path | None, as_json: bool, overrides: tuple[str, ...]) -> None:
+def fastest(
+    source: str, joint_limits: Path | None, as_json: bool, path: str, overrides: tuple[str, ...]
+) -> None:
     """Tell how fast an arm could run its path, without moving it.
 
     Of a CONFIG it is what the masses, inertias and frictions of the URDF would allow; they are seldom right.
@@ -35,11 +38,11 @@ def fastest(source: str, joint_limits: Path | None, as_json: bool, overrides: tu
     if joint_limits is not None and joint_limits.exists():
         raise InputFileError(joint_limits, "exists already", "a name that is free")
     if not is_run_folder(Path(source)):
-        found = by_urdf(ConfigFile().convert(source, None, None), overrides)
+        found = by_urdf(ConfigFile().convert(source, None, None), overrides, path)
     elif overrides:
         raise ConfigError("--set", overrides[0], "a CONFIG: a RUN has its own values")
     else:
-        found = by_run(Path(source))
+        found = by_run(Path(source), path)
     practice, path = found.config.practice, found.config.path.name or found.config.path.file
     times = [
         {

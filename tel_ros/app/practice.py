@@ -25,6 +25,7 @@ from tel_ros.core.errors import ConfigError, TrajectoryError
 from tel_ros.core.practice.feasibility import require_within_velocity_limits
 from tel_ros.core.practice.movement_path import command, desired_trajectory
 from tel_ros.core.practice.strategies import make_strategy
+from tel_ros.core.practice.strategy import Movement
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialGoal
 from tel_ros.local_stop import controllers, domain_id
@@ -79,14 +80,17 @@ def check_before_moving(config: Config) -> None:
         try:
             limits.check_goal(goal, config.control.settle_speed_rad_s)
         except TrajectoryError as error:
-            key, value = _path_of(config.path, known=movement.shape == 0.0)
+            key, value = _path_of(config.path, movement)
             raise ConfigError(
                 key, value, f"a path that the arm can follow in {movement.duration_s} s: {error}"
             ) from None
 
 
-def _path_of(path: PathConfig, known: bool) -> tuple[str, str]:
-    """Return the key that names a path, and what it says."""
+def _path_of(path: PathConfig, movement: Movement) -> tuple[str, str]:
+    """Return the key that names the path of a movement, and what it says."""
+    known = movement.shape == 0.0
+    if path.files and not known:
+        return "path.files", path.files[path.names.index(movement.path)]
     name, file = ("known_name", "known_file") if known else ("name", "file")
     key = file if getattr(path, file) else name
     return f"path.{key}", getattr(path, key)

@@ -16,6 +16,7 @@ NOTHING = "–"
 _OF_TRIAL: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "bag": lambda row: Path(row["bag"]).name,
     "trial": lambda row: str(row["index"]),
+    "path": lambda row: row["path"] or NOTHING,
     "α": lambda row: fixed(row["alpha"], 3),
     "duration\ns": lambda row: fixed(row["duration_s"], 3),
     "RMS error\nrad": lambda row: fixed(row["rms_error_rad"], 4),
@@ -49,8 +50,11 @@ def show(*shown: Table | str) -> None:
 
 def trial_table(trials: Sequence[Mapping[str, Any]], without: Collection[str] = ("bag",)) -> Table:
     """Return rows of a summary as a table."""
+    if not any(trial.get("path") for trial in trials):
+        without = {*without, "path"}
     shown = {heading: cell for heading, cell in _OF_TRIAL.items() if heading not in without}
-    return table(shown, [[cell(trial) for cell in shown.values()] for trial in trials], ("bag", "outcome"))
+    rows = [[cell(trial) for cell in shown.values()] for trial in trials]
+    return table(shown, rows, ("bag", "path", "outcome"))
 
 
 def fixed(value: float | None, decimals: int) -> str:

@@ -32,6 +32,7 @@ from tel_ros.core.config_fields import (
     declared,
 )
 from tel_ros.core.config_fields import JointValues as JointValues
+from tel_ros.core.errors import ConfigError
 from tel_ros.core.trajectories.paths import NAMED_PATHS
 
 
@@ -78,6 +79,21 @@ class PathConfig(Checked):
     def names(self) -> tuple[str, ...]:
         """What several paths are called; empty: there is one."""
         return tuple(Path(file).stem for file in self.files)
+
+    def one(self, name: str) -> PathConfig:
+        """Return the path of a name alone, of several; with one path, which has none, itself.
+
+        ConfigError: there is no such path, or there are several and no name.
+        """
+        names = self.names or ("",)
+        if name not in names:
+            expected = f"one of {', '.join(names)}" if self.files else "nothing: there is one path"
+            raise ConfigError("--path", name, expected)
+        if not self.files:
+            return self
+        file = self.files[names.index(name)]
+        key = "name" if is_built_in("path.files", file) else "file"
+        return dataclasses.replace(self, files=(), **{key: file})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -129,6 +129,7 @@ def _relearned(
         row = {
             "bag": str(bag),
             "index": report.index,
+            "path": values.get("path"),
             "duration_s": report.duration_s,
             "outcome": report.outcome.text,
             "rms_error_rad": math.sqrt((error_rad**2).mean()) if error_rad.size else None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -65,11 +65,20 @@ class RunData:
     trials: tuple[TrialRow, ...]
     """All of them, in order; at least one."""
     drawn: tuple[DrawnTrial, ...]
-    """The first, the middle and the last of those that can be drawn, each once."""
+    """The first, the middle and the last of those that can be drawn, each once; so many of each path."""
     drawable: tuple[TrialRow, ...]
     """All that can be drawn, as far as is known without reading them."""
     notes: tuple[str, ...]
     """What is missing from the report, and why."""
+
+    def of_path(self, name: str) -> RunData:
+        """Return the trials of one of several paths alone."""
+        return replace(
+            self,
+            trials=tuple(row for row in self.trials if row.path == name),
+            drawn=tuple(trial for trial in self.drawn if trial.summary.path == name),
+            drawable=tuple(row for row in self.drawable if row.path == name),
+        )
 
     @property
     def varies_speed_alone(self) -> bool:
@@ -154,7 +163,9 @@ def _drawn(
             problems[trial.index] = f"its bag cannot be used: {error}".replace(f"{folder}/", "")
 
     while True:
-        chosen = spread([trial for trial in trials if trial.index not in problems])
+        good = [trial for trial in trials if trial.index not in problems]
+        paths = dict.fromkeys(trial.path for trial in good)
+        chosen = [each for path in paths for each in spread([trial for trial in good if trial.path == path])]
         if not (unread := [trial for trial in chosen if trial.index not in read]):
             break
         for trial in unread:

@@ -48,7 +48,7 @@ def limits(run: RunData) -> Content | None:
 def _against_bound(run: RunData, trial: DrawnTrial) -> str:
     """Say how long the movement takes beside what the network, as it is now, believes possible."""
     try:
-        found = by_run(run.folder)
+        found = by_run(run.folder, trial.summary.path or "")
         told = [(share, found.fastest(share).duration_s) for share in found.shares]
     except TelError as error:
         return f"How fast the arm could be is not known: {error}."

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +62,7 @@ def _table(
     )
 
 
-RESULTS: tuple[Section[RunData], ...] = (
+FIGURES: tuple[Section[RunData], ...] = (
     Section("hand-path", "Path of the hand", hand_path, "hand_path", of_movements=True),
     Section("steps", "From trial to trial", steps),
     Section(
@@ -83,11 +85,44 @@ RESULTS: tuple[Section[RunData], ...] = (
     ),
     Section("limits", "How near to the limits", limits, "limits"),
     Section("tracking", "Tracking error of the joints", tracking, "tracking", of_movements=True),
+)
+"""Of one path: where several were practised, each has them."""
+RESULTS: tuple[Section[RunData], ...] = (
     Section("trials", "Trials", _table("trials")),
     Section("timing", "Timing of the control loop", _table("timing", lambda trial: trial.timing)),
     Section("decisions", "Why these trials", _table("decisions", lambda trial: trial.reason)),
 )
 """Sections of other packages (entry points of the group ``tel_ros.report_sections``) follow these."""
+
+
+def _results(run: RunData) -> Iterator[Section[RunData]]:
+    """Yield the sections with results."""
+    names = run.config.path.names
+    if not names:
+        yield from (*FIGURES, *RESULTS)
+        return
+    yield Section("movements", "The movements", _table("movements"))
+    for section in FIGURES:
+        for k, name in enumerate(names, start=1):
+            yield replace(
+                section,
+                id=f"{section.id}-{k}",
+                title=f"{section.title}: {name}",
+                content=partial(_of_path, section, name),
+                file=section.file and f"{section.file}_{k}",
+                of_movements=False,
+            )
+    yield from RESULTS
+
+
+def _of_path(section: Section[RunData], name: str, run: RunData) -> Any:
+    of_path = run.of_path(name)
+    if not of_path.trials:
+        return None
+    why_not = of_path.why_not_drawn if section.of_movements else ""
+    return Content(caption=why_not) if why_not else section.content(of_path)
+
+
 DETAILS: tuple[Section[RunData], ...] = (
     Section("growth", "What grew in the network", _table("growth")),
     Section("configuration", "Configuration", _table("configuration")),
@@ -106,7 +141,7 @@ def write_report(folder: Path, formats: Sequence[str] = ("png",)) -> Path:
     others = [load(place) for place in extensions("tel_ros.report_sections").values()]
     page = write_page(
         folder,
-        (*RESULTS, *others, *DETAILS),
+        (*_results(run), *others, *DETAILS),
         run,
         formats,
         title=f"Practice run {name}",

@@ -34,13 +34,14 @@ def run_line(run: RunData) -> str:
     """Return what kind of run it was."""
     config = run.config
     arm = f"{config.arm.name} ({'simulated' if config.run.arm == 'sim' else 'external'} arm)"
-    path = config.path.name or config.path.file.rpartition("/")[2]
+    path = ", ".join(config.path.names) or config.path.name or config.path.file.rpartition("/")[2]
+    path = f"path{'s' if config.path.files else ''} {path}"
     strategy = config.practice.strategy.replace("_", " ")
     if config.practice.strategy == "trajectory_extension" and not config.practice.durations_s:
         strategy += f", even steps in {config.practice.spacing}"
     learner = f"{config.learning.name} ({config.learning.weights})"
     training = f"{config.learning.training} trajectory training"
-    return f"{arm} · path {path} · {strategy} · {learner} · {training} · seed {config.seed}"
+    return f"{arm} · {path} · {strategy} · {learner} · {training} · seed {config.seed}"
 
 
 _ENDED = {
@@ -57,7 +58,8 @@ def ending(run: RunData) -> str:
     message = run.message.rstrip(".")
     # A strategy that has come to its end needed no more trials than it made.
     over = run.outcome in ("completed", "stopped")
-    planned = len(run.trials) if over else len(practice.durations_s) or practice.trials
+    of_each = len(practice.durations_s) or practice.trials
+    planned = len(run.trials) if over else of_each * max(1, len(run.config.path.names))
     trials = f"{done} of {counted(planned, 'trial')} completed"
     if run.outcome == "running":
         return f"The run did not come to its end (its summary still says that it is running); {trials}."
@@ -69,7 +71,14 @@ def ending(run: RunData) -> str:
 
 
 def result(run: RunData) -> str:
-    """Return the first, best and final error, and the gain in speed."""
+    """Return the first, best and final error, and the gain in speed; of several paths, of each."""
+    if run.config.path.files and any(trial.path for trial in run.trials):
+        of_paths = {name: run.of_path(name) for name in run.config.path.names}
+        return " ".join(f"{name}: {_result(of)}" for name, of in of_paths.items() if of.trials)
+    return _result(run)
+
+
+def _result(run: RunData) -> str:
     moved = [trial for trial in run.trials if trial.reached_run]
     if not moved:
         return "The movement did not begin in any trial, so there is no error to report."

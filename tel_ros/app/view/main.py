@@ -48,8 +48,9 @@ class LiveView:
     def __init__(self, config: Config, node: Node, token: str, port: int) -> None:
         self._config, self._node = config, node
         self._chain = described(config.arm).chain(config.arm.hand_link)
-        path_rad, _, _ = load_path(config.path, config.arm).evaluate(np.linspace(0.0, 1.0, 50))
-        path_m = self._chain.hand_positions(path_rad)
+        path, points = load_path(config.path, config.arm), np.linspace(0.0, 1.0, 50)
+        paths_rad = [each.evaluate(points)[0] for each in path.library or (path,)]
+        path_m = self._chain.hand_positions(np.vstack(paths_rad))
         self._graph = GraphView(node, config, self._begin_trial, self._on_feedback)
         self._trial: LiveTrial | None = None
         self._history = History()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +73,10 @@ class Deployment:
         return {"header": header, "joint_names": list(self.joints), "points": points}
 
 
-def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment:
+def practised(run: Path, rate_hz: float, trial: int | None = None, path: str = "") -> Deployment:
     """Return the fastest movement of a run that was practised within its tolerance, or that of one trial.
 
-    ``rate_hz``: of the controller, whose set points come one period ahead.
+    ``rate_hz``: of the controller, whose set points come one period ahead. ``path``: which of several.
 
     Raises:
         InputFileError: there is no such run or trial, it goes on, or what it practised is not good enough.
@@ -90,9 +91,10 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     if outcome == "running":
         expected = "one that has ended (tel practice --resume)"
         raise InputFileError(run, "the run goes on, or was interrupted", expected)
-    rows = [row for row in trials if trial in (None, row.index)]
+    rows = [row for row in trials if trial in (None, row.index) and (not path or row.path == path)]
     if not rows:
         missing = "has no trial" if trial is None else f"has no trial {trial}"
+        missing += f" of {path}" if path else ""
         raise InputFileError(run, missing, f"one of {len(trials)}")
     is_whole = config.practice.vary == ("speed",)
     tolerance_rad = config.practice.tolerance_rad
@@ -104,7 +106,8 @@ def practised(run: Path, rate_hz: float, trial: int | None = None) -> Deployment
     if not good:
         last = rows[-1]
         rms = f"{1e3 * last.rms_error_rad:.2f} mrad RMS" if last.reached_run else "did not reach its movement"
-        found = f"trial {last.index} ({last.outcome.text}, {last.duration_s:.3g} s): {rms}"
+        which = f"trial {last.index} of {path}" if path else f"trial {last.index}"
+        found = f"{which} ({last.outcome.text}, {last.duration_s:.3g} s): {rms}"
         expected = f"a completed one within practice.tolerance_rad = {1e3 * tolerance_rad:g} mrad"
         raise InputFileError(run, found, f"{expected}; practise on")
     best = min(good, key=lambda row: (row.duration_s, row.rms_error_rad))
@@ -156,6 +159,21 @@ def thinned(time_ns: IntArray, values: FloatArray, lost: float) -> IntArray:
         if np.max(np.abs(lines - values)) <= lost:
             return kept
     return np.arange(n)
+
+
+def deploy_all(movements: Mapping[Path, Deployment], out: Path) -> None:
+    """Write a folder a movement; ``out``: the one that they are all in, or the only one itself.
+
+    InputFileError: it exists or cannot be written, and nothing is left of it then.
+    """
+    if out.exists():
+        raise InputFileError(out, "exists already", "a name that is free")
+    try:
+        for folder, movement in movements.items():
+            deploy(movement, folder)
+    except BaseException:
+        shutil.rmtree(out, ignore_errors=True)
+        raise
 
 
 def deploy(movement: Deployment, out: Path) -> None:
