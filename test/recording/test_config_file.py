@@ -238,7 +238,8 @@ def test_a_key_declared_as_a_file_is_resolved_stored_in_bags_and_copied_to_the_r
     assert file_values(named)[place] == (config_folder / "some.file").resolve()
 
     monkeypatch.chdir(config_folder)
-    option = load_config(config_folder / "run.yaml", [f"{key}={'[some.file]' if is_list else 'some.file'}", *others])
+    value = "[some.file]" if is_list else "some.file"
+    option = load_config(config_folder / "run.yaml", [f"{key}={value}", *others])
     assert file_values(option)[place] == (config_folder / "some.file").resolve()
 
     metadata = {"config": dump_config(create_run_folder(tmp_path / "run", named)), **stored_files(named, 1)}
