@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.calibration import CalibratedLearner
@@ -27,6 +28,11 @@ from tel_ros.core.types import BoolArray, FloatArray
 BASE = "base_"
 """Begins the names of the stored arrays of the base."""
 _FIRST_STRENGTH = 0.1
+_NEAR, _ALIKE, _AT_REST = 0.05, 0.3, 0.02
+"""How far from a sample its correction holds: in a position (1: its range) and in a direction of motion [rad]; and
+below which speed (1: the fastest) a motion has none."""
+_FAR = 4.0
+"""In these units; farther away there is no correction."""
 _CALIBRATION_SAMPLES = 500
 """About so many are predicted with their leverage, which costs much more than the prediction."""
 
@@ -36,14 +42,15 @@ class LeastSquaresLearner(CalibratedLearner):
 
     Each trial is predicted before it is learned from. This decides, joint by joint, how strong the prior is
     and whether the tree grows: only what makes the prediction of a trial not seen before clearly better is
-    done. The trees correct the base, if there is one.
+    done. The trees correct the base, if there is one, but only near postures and directions of motion that
+    were practised, at any speed: what they say elsewhere spoils what the base knows.
     """
 
     def __init__(self, context: LearnerContext, base: RigidBodyLearner | None = None) -> None:
         super().__init__(context)
         self.base = base
         self._joints = [TreeRegression(tree, _FIRST_STRENGTH) for tree in new_trees(context)]
-        self._memory = SampleMemory.empty(len(context.joints))
+        self._remember(SampleMemory.empty(len(context.joints)))
 
     @classmethod
     def restored(
@@ -52,7 +59,7 @@ class LeastSquaresLearner(CalibratedLearner):
         """Return a learner from its description."""
         learner = cls(context, base)
         learner._take_up(stored)
-        learner._memory = SampleMemory.restored(stored.arrays, len(context.joints))
+        learner._remember(SampleMemory.restored(stored.arrays, len(context.joints)))
         strengths = stored.header["prior_strengths"]
         if not all(0.0 < strength < np.inf for strength in strengths):
             raise ValueError(f"prior_strengths is {strengths}; expected finite numbers above 0")
@@ -89,8 +96,9 @@ class LeastSquaresLearner(CalibratedLearner):
         """Return u - q [rad] for inputs of shape (n, 3 * n_joints). Shape (n, n_joints)."""
         scaled = self.context.input_range.scale(inputs)
         result = self.base.predict(inputs) if self.base else np.zeros((len(inputs), len(self._joints)))
+        near = self._nearness(scaled)
         for j, joint in enumerate(self._joints):
-            result[:, j] += joint.tree.predict(scaled)
+            result[:, j] += near * joint.tree.predict(scaled)
         return result
 
     @on_one_thread
@@ -133,6 +141,24 @@ class LeastSquaresLearner(CalibratedLearner):
         if not all(np.all(np.isfinite(joint.tree.weights)) for joint in self._joints):
             raise TrainingError("the weights did not stay finite; the network is unchanged")
         return notes
+
+    def _remember(self, memory: SampleMemory) -> None:
+        self._memory = memory
+        self._motions = KDTree(self._motions_of(self.context.input_range.scale(memory.inputs)))
+
+    def _motions_of(self, scaled: FloatArray) -> FloatArray:
+        """Return postures and directions of motion in units in which a correction holds as far as 1."""
+        n = len(self._joints)
+        velocity = 2.0 * scaled[:, n : 2 * n] - 1.0
+        speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+        return np.hstack([scaled[:, :n] / _NEAR, velocity / (speed + _AT_REST) / _ALIKE])
+
+    def _nearness(self, scaled: FloatArray) -> FloatArray | float:
+        """Return 1 where the trees have seen samples, falling to 0 where they have not. Shape (n,)."""
+        if self.base is None:
+            return 1.0
+        distance, _ = self._motions.query(self._motions_of(scaled), distance_upper_bound=_FAR)
+        return np.asarray(np.exp(-0.5 * distance**2), dtype=np.float64)
 
     def _trust(self, sliding: BoolArray) -> FloatArray:
         """Return how far samples of the latest trial are to be believed. Shape (n, n_joints)."""
@@ -208,7 +234,7 @@ class LeastSquaresLearner(CalibratedLearner):
             joint.gram = joint.gram + joint.gram_of(new_data)
             joint.solve(joint.moment_of(old_data, old_y[:, j]) + joint.moment_of(new_data, new_y[:, j]))
         memory = old.joined(new)
-        self._memory = memory.bounded(self.context.learning.memory_samples)
+        self._remember(memory.bounded(self.context.learning.memory_samples))
         if self._memory is not memory:
             for joint in self._joints:
                 joint.set_gram(self._gram_of(joint, self._memory))
