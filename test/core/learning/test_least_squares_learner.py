@@ -264,6 +264,26 @@ def test_on_top_of_rigid_links_trees_learn_what_these_leave_over() -> None:
     assert both.stored().header["silent"] == [False, False]
 
 
+def test_where_nothing_was_practised_trees_leave_the_answer_to_the_rigid_links() -> None:
+    """At other postures, and through the same ones in another direction; not at another speed."""
+    pytest.importorskip("pinocchio")
+    both = OURS["rigid_body+lms_tree"].new(context(gaussians_per_input=6))
+    for duration_s in (9.0, 7.0, 5.0):
+        whole = with_spring(trial(duration_s))
+        arc = slice(len(whole.actual) // 4)  # all of it crosses itself
+        samples = TrainingSamples(whole.actual[arc], whole.desired[arc], whole.offset_rad[arc])
+        both, _ = both.trained_on(samples, "actual")
+    assert isinstance(both, LeastSquaresLearner)
+    assert both.base is not None
+    links, seen = both.base.predict, trial(4.5).actual[20 : len(trial(4.5).actual) // 5]
+    there, back, elsewhere = (
+        rms(both.predict(inputs) - links(inputs))
+        for inputs in (seen, seen * [1, 1, -1, -1, 1, 1], seen + [1.5, 1.5, 0, 0, 0, 0])
+    )
+    assert there > 1e-3
+    assert max(back, elsewhere) < 0.01 * there
+
+
 def test_on_top_of_rigid_links_that_are_right_trees_keep_silent() -> None:
     pytest.importorskip("pinocchio")
     both = practised(OURS["rigid_body+lms_tree"].new(context(gaussians_per_input=6)))
