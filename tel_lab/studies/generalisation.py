@@ -1,4 +1,4 @@
-"""What practice of some paths is worth on others: movements at goal speed along paths that were not practised."""
+"""What practice of some paths is worth on others: movements at goal speed along paths not practised."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tel_ros.recording.waypoint_file import load_path
 
 
 class Arm(NamedTuple):
-    """A configuration, and how far around its path others may lie [rad]; inf: in all of the joints' ranges."""
+    """A configuration, and how far around its path others may lie [rad]; inf: in all of their ranges."""
 
     config: str
     around_rad: float
@@ -127,10 +127,11 @@ def chapter(name: str, quick: bool, overrides: tuple[str, ...]) -> Chapter:
     times = {now: errors["rigid_body+lms_tree", now] / errors["rigid_body", now] for now in after}
     ratios = [[str(now), f"{np.median(ratio):.2f}", f"{ratio.max():.2f}"] for now, ratio in times.items()]
     trees = of_texts(["paths practised", "median", "worst"], ratios, 0).markdown()
-    smaller, worst = np.median(unlearned / errors["polynomial", after[-1]]), max(r.max() for r in times.values())
-    text = f"`config/{file}`\n\n{table}\n\nError with trees on top of rigid links over that without:\n\n{trees}"
+    factor = float(np.median(unlearned / errors["polynomial", after[-1]]))
+    worst = float(max(ratio.max() for ratio in times.values()))
+    text = f"`config/{file}`\n\n{table}\n\nError with trees over that of rigid links alone:\n\n{trees}"
     return text, [
-        (f"without a model, errors at least {SMALLER:.0f} times smaller", f"{smaller:.1f}", smaller >= SMALLER),
+        (f"without a model, errors at least {SMALLER:.0f} times smaller", f"{factor:.1f}", factor >= SMALLER),
         (f"trees: never more than {WORSE} times the error without", f"{worst:.2f}", worst <= WORSE),
     ]
 

@@ -23,15 +23,13 @@ from tel_ros.core.types import BoolArray, FloatArray, IntArray
 
 FIRST_SHAPE = 0.7
 """b of the correlation 1 + b cos(q - q') until samples have told."""
-_SHAPED_OUTPUTS = 600
-"""From about so many shapes are chosen."""
 _SHAPE_STEP = 3.0
 _SHAPES = (0.005, 1.0)
 """Least and largest."""
 _SHAPING_ROUNDS = (3, 1)
 """At first and later; each tries one step either way, joint by joint."""
-_TUNED_OUTPUTS = 300
-"""From about so many the prior is tuned."""
+_TUNED_OUTPUTS = 600
+"""From about so many the prior is tuned; from half as many of seven joints it fits those and no others."""
 _ROUNDS = (25, 8)
 """Of tuning, at first and later."""
 _WEIGHT_OF_BEFORE = 1.0
@@ -145,7 +143,7 @@ class EnergyKernel:
         2019), which needs no step size. None falls to 0: the variance before counts as an observation.
         """
         some, n, later = samples.about(_TUNED_OUTPUTS), len(self.unit), prior is not None
-        prior = self._shaped(prior or self.first_prior(samples), samples, _SHAPING_ROUNDS[later])
+        prior = self._shaped(prior or self.first_prior(samples), some, _SHAPING_ROUNDS[later])
         parts, outputs = self.among(prior, some.states, apart=True), some.outputs.ravel()
         pairs = np.column_stack(np.triu_indices(n))
         involved = 0.5 * (pairs[:, :1] == np.arange(n)) + 0.5 * (pairs[:, 1:] == np.arange(n))
@@ -171,13 +169,12 @@ class EnergyKernel:
         inertia, potential, viscous, coulomb = map(np.multiply, known, np.split(scale, 4))
         return Prior(inertia, potential, viscous, coulomb, noise, prior.shape)
 
-    def _shaped(self, prior: Prior, samples: Samples, n_rounds: int) -> Prior:
+    def _shaped(self, prior: Prior, some: Samples, n_rounds: int) -> Prior:
         """Return a prior whose shapes make the outputs more likely.
 
         An inertia that depends on all joints as much as it can is what most arms do not have: of seven joints
         each new path would show something never seen.
         """
-        some = samples.about(_SHAPED_OUTPUTS)
         best = self._log_likelihood(prior, some)
         for _ in range(n_rounds):
             before = prior

@@ -28,11 +28,12 @@ from tel_ros.core.types import BoolArray, FloatArray
 BASE = "base_"
 """Begins the names of the stored arrays of the base."""
 _FIRST_STRENGTH = 0.1
-_NEAR, _ALIKE, _AT_REST = 0.05, 0.3, 0.02
-"""How far from a sample its correction holds: in a position (1: its range) and in a direction of motion [rad]; and
-below which speed (1: the fastest) a motion has none."""
+_NEAR, _ALIKE = 0.05, 0.3
+"""How far from a sample a correction holds: in a position (1: its range), in a direction of motion [rad]."""
+_AT_REST = 0.02
+"""Below this speed (1: the fastest) a motion has no direction."""
 _FAR = 4.0
-"""In these units; farther away there is no correction."""
+"""Where no correction is left, in those units."""
 _CALIBRATION_SAMPLES = 500
 """About so many are predicted with their leverage, which costs much more than the prediction."""
 
