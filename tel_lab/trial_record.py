@@ -5,22 +5,28 @@ And how demanding a movement is by the exact model.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
+import click
 import numpy as np
 from scipy.optimize import brentq
 
 from tel_lab.exact_model import ExactInverseDynamics
 from tel_lab.offline import OfflineArm, OfflinePractice
+from tel_lab.study import StudyOptions
+from tel_lab.tables import Column, Table
 from tel_ros.core.config import ArmConfig, Config, SimConfig
-from tel_ros.core.learning.inputs import query_inputs
+from tel_ros.core.learning.inputs import InputRange, query_inputs
+from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.practice.session import PractisedTrial
 from tel_ros.core.practice.strategy import Ending, PlannedTrial
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.trial import Outcome, Phase, Trial, TrialGoal, TrialReport
-from tel_ros.recording.network_file import new_network
+from tel_ros.recording.network_file import learner_context, new_network
 from tel_ros.recording.waypoint_file import load_path
 
 _SLOWEST_S = 60.0
@@ -79,6 +85,56 @@ class TrialRecord:
     def rms_mrad(self) -> float:
         """Tracking error, also of a trial that was aborted."""
         return 1e3 * self.report.rms_error_rad
+
+
+def practise_unseen(
+    config: Config,
+    path: Path,
+    duration_s: float,
+    before_trial: Callable[[OfflinePractice, PlannedTrial], None] = lambda practice, plan: None,
+) -> tuple[str, str, tuple[TrialRecord, ...]]:
+    """Practise along any path, its inputs covered at a duration; return outcome, message and trials.
+
+    Whatever goes wrong becomes the outcome ``failed``: one seed must not hide how the others went.
+    """
+    trials: list[TrialRecord] = []
+    try:
+        goal = sample(path, duration_s, config.control.rate_hz)
+        covered = InputRange.covering(goal, config.learning.input_margin)
+        context = replace(learner_context(config), input_range=covered)
+        with OfflinePractice(config, path, learner_kind(config.learning.name).new(context)) as practice:
+            done = practice.run(before_trial=partial(before_trial, practice))
+            trials = [TrialRecord.of(practised) for practised in done]
+            assert practice.ending is not None  # it has just run
+            outcome, message = str(practice.ending.outcome), practice.ending.message
+    except Exception as error:
+        outcome, message = "failed", f"{type(error).__name__}: {error}"
+    return outcome, message, tuple(trials)
+
+
+TRIALS: list[Column[TrialRecord]] = [
+    Column("trial", lambda t: t.plan.index),
+    Column("duration [s]", lambda t: t.report.duration_s, ".3f"),
+    Column("RMS [mrad]", lambda t: t.rms_mrad, ".2f"),
+    Column("largest deviation [rad]", lambda t: t.excursion_rad, ".3f"),
+    Column("clipped", lambda t: t.report.saturated_ratio, ".3f"),
+    Column("why, and what happened", lambda t: f"{t.plan.reason}  {t.report.message}", left=True),
+]
+
+
+def shown_runs(
+    options: StudyOptions,
+    function: Callable[..., Any],
+    tasks: Mapping[str, tuple[Any, ...]],
+    columns: Sequence[Column[Any]],
+    trials: Sequence[Column[TrialRecord]] = TRIALS,
+) -> Iterator[Any]:
+    """Yield runs, each printed in a line; with its trials if they were asked for or went wrong."""
+    for run in options.results(function, tasks):
+        click.echo("  ".join(f"{column.heading} {column.text(run)}" for column in columns))
+        if options.only or run.outcome != "completed" or run.aborts:
+            click.echo(Table(trials, run.trials).markdown())
+        yield run
 
 
 def excursion_rad(trial: Trial) -> float:

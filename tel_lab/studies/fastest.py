@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,17 +20,13 @@ from tel_lab.random_path import random_smooth_path
 from tel_lab.study import ROOT, StudyOptions, study
 from tel_lab.tables import Column, Table, of_texts
 from tel_lab.time_bound import time_bound
-from tel_lab.trial_record import TrialRecord
+from tel_lab.trial_record import TRIALS, TrialRecord, practise_unseen, shown_runs
 from tel_ros.app.plotting import BLUE, GREEN, ORANGE, PURPLE, SOFT
 from tel_ros.core.config import Config, SimConfig
-from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.practice.strategy import PlannedTrial
 from tel_ros.core.trajectories.paths import Path
-from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.core.types import FloatArray
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.network_file import learner_context
 from tel_ros.recording.waypoint_file import load_path
 
 FIRST_SEED = 9001
@@ -96,7 +91,6 @@ class Result:
     trials: tuple[TrialRecord, ...]
     n_before: int
     """Trials before the payload was doubled; 0: it was not."""
-    wall_s: float
 
     @property
     def last(self) -> TrialRecord:
@@ -122,7 +116,8 @@ class Result:
         return round(self.last.report.saturated_ratio * self.last.report.ticks) if self.trials else 0
 
     @property
-    def later_aborts(self) -> int:
+    def aborts(self) -> int:
+        """Without the first trial."""
         return sum(not trial.completed for trial in self.trials[1:])
 
     @property
@@ -154,33 +149,21 @@ def task(group: Group, seed: int, overrides: Sequence[str]) -> tuple[Config, Pat
 
 
 def practise(name: str, seed: int, overrides: Sequence[str]) -> Result:
-    """Run the practice of one seed; whatever goes wrong in it becomes part of the result."""
-    started, group = time.monotonic(), GROUPS[name]
+    group = GROUPS[name]
     config, path = task(group, seed, overrides)
-    trials: list[TrialRecord] = []
     sim, n_before = config.sim, 0
-    try:
-        # What a user knows: the path and the speed limits.
-        goal = sample(path, config.practice.first_duration_s, config.control.rate_hz)
-        covered = InputRange.covering(goal, config.learning.input_margin)
-        context = replace(learner_context(config), input_range=covered)
-        with OfflinePractice(config, path, learner_kind(config.learning.name).new(context)) as practice:
 
-            def before_trial(plan: PlannedTrial) -> None:
-                nonlocal sim, n_before
-                if group.doubled and not n_before and (plan.movement.effort_share or 0.0) >= NEAR_SHARE:
-                    sim, n_before = replace(sim, payload_kg=2.0 * PAYLOAD_KG), plan.index - 1
-                    practice.arm.replace_arm(sim)
+    def before_trial(practice: OfflinePractice, plan: PlannedTrial) -> None:
+        nonlocal sim, n_before
+        if group.doubled and not n_before and (plan.movement.effort_share or 0.0) >= NEAR_SHARE:
+            sim, n_before = replace(sim, payload_kg=2.0 * PAYLOAD_KG), plan.index - 1
+            practice.arm.replace_arm(sim)
 
-            trials = [TrialRecord.of(practised) for practised in practice.run(before_trial=before_trial)]
-            assert practice.ending is not None
-            outcome, message = str(practice.ending.outcome), practice.ending.message
-    except Exception as error:  # One seed that fails must not hide how the others went.
-        outcome, message = "failed", f"{type(error).__name__}: {error}"
+    # What a user knows: the path and the speed limits.
+    ended = practise_unseen(config, path, config.practice.first_duration_s, before_trial)
     model = ExactInverseDynamics(config, sim).predict
     bounds = [time_bound(config.arm, model, path, s).duration_s for s in (1.0, config.practice.effort_share)]
-    wall_s = time.monotonic() - started
-    return Result(name, seed, sim, bounds[0], bounds[1], outcome, message, tuple(trials), n_before, wall_s)
+    return Result(name, seed, sim, *bounds, *ended, n_before)
 
 
 RUNS: list[Column[Result]] = [
@@ -193,7 +176,7 @@ RUNS: list[Column[Result]] = [
     Column("RMS [mrad]", lambda r: r.rms_mrad, ".2f"),
     Column("trials", lambda r: len(r.trials)),
     Column("clipped", lambda r: r.clipped),
-    Column("aborts", lambda r: r.later_aborts),
+    Column("aborts", lambda r: r.aborts),
     Column("deviation, first [rad]", lambda r: r.trials and r.trials[0].excursion_rad or None, ".3f"),
     Column("later [rad]", lambda r: r.largest_rad, ".3f"),
     Column("inertia", lambda r: r.sim.inertia_scale, ".2f"),
@@ -201,15 +184,7 @@ RUNS: list[Column[Result]] = [
     Column("viscous [N·m·s/rad]", lambda r: max(r.sim.viscous_friction_nms_per_rad, default=0.0), ".2f"),
     Column("how it ended", lambda r: f"{r.outcome}: {r.message}", left=True),
 ]
-TRIALS: list[Column[TrialRecord]] = [
-    Column("trial", lambda t: t.plan.index),
-    Column("share", lambda t: t.plan.movement.effort_share, ".3f"),
-    Column("duration [s]", lambda t: t.report.duration_s, ".3f"),
-    Column("RMS [mrad]", lambda t: t.rms_mrad, ".2f"),
-    Column("largest deviation [rad]", lambda t: t.excursion_rad, ".3f"),
-    Column("clipped", lambda t: t.report.saturated_ratio, ".3f"),
-    Column("why, and what happened", lambda t: f"{t.plan.reason}  {t.report.message}", left=True),
-]
+SHARE: Column[TrialRecord] = Column("share", lambda t: t.plan.movement.effort_share, ".3f")
 
 
 def _with_interval(found: Median, form: str = ".2f") -> str:
@@ -232,7 +207,7 @@ def group_row(name: str, results: Sequence[Result], config: Config) -> list[str]
         _with_interval(median([len(r.trials) for r in results]), ".0f"),
         _counts(results, lambda r: len(r.trials) > 12),
         _counts(results, lambda r: r.clipped > 0),
-        _counts(results, lambda r: r.later_aborts > 0),
+        _counts(results, lambda r: r.aborts > 0),
         _counts(results, lambda r: r.beyond_first),
         f"{max(r.largest_rad for r in results):.3f}",
     ]
@@ -337,12 +312,7 @@ def fastest(options: StudyOptions) -> None:
         n = 1 if options.quick else min(GROUPS[name].n or options.seeds, options.seeds)
         for seed in seeds or range(FIRST_SEED, FIRST_SEED + n):
             tasks[f"{name}, seed {seed}"] = (name, seed, options.overrides)
-    results: list[Result] = []
-    for result in options.results(practise, tasks):
-        results.append(result)
-        click.echo("  ".join(f"{column.heading} {column.text(result)}" for column in RUNS))
-        if options.only or result.outcome != "completed" or result.later_aborts:
-            click.echo(Table(TRIALS, result.trials).markdown())
+    results = list(shown_runs(options, practise, tasks, RUNS, [*TRIALS[:1], SHARE, *TRIALS[1:]]))
     config, _ = task(GROUPS[names[0]], FIRST_SEED, options.overrides)
     values = summary(results, config)
     click.echo(values["table"])

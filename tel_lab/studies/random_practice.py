@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import click
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import binomtest
 
 from tel_lab.exact_model import ExactInverseDynamics
-from tel_lab.offline import OfflinePractice
 from tel_lab.random_arm import FAR, vary
 from tel_lab.random_path import random_smooth_path
 from tel_lab.study import ROOT, StudyOptions, study
@@ -27,15 +24,13 @@ from tel_lab.trial_record import (
     effort_share,
     exact_trial,
     fastest_by_speed_s,
+    practise_unseen,
+    shown_runs,
 )
 from tel_ros.app.plotting import BLUE, GREEN, ORANGE, PURPLE, SOFT
 from tel_ros.core.config import Config, SimConfig
-from tel_ros.core.learning.inputs import InputRange
-from tel_ros.core.learning.registry import learner_kind
 from tel_ros.core.trajectories.paths import Path as JointPath
-from tel_ros.core.trajectories.trajectory import sample
 from tel_ros.recording.config_file import load_config
-from tel_ros.recording.network_file import learner_context
 
 RANGE_MARGIN_RAD = 0.3
 """Random paths keep this far from the ends of the joints' ranges, so that there is room for an error."""
@@ -61,7 +56,6 @@ class Result:
     outcome: str
     message: str
     trials: tuple[TrialRecord, ...]
-    wall_s: float
 
     @property
     def final_rms_mrad(self) -> float:
@@ -93,26 +87,12 @@ def task(config: Config, seed: int) -> tuple[Config, JointPath]:
 
 
 def practise(config: Config, seed: int) -> Result:
-    """Run the practice of one seed; whatever goes wrong in it becomes part of the result."""
     varied, path = task(config, seed)
     goal_s = varied.practice.goal_duration_s
-    started = time.monotonic()
-    trials: list[TrialRecord] = []
-    try:
-        goal = sample(path, goal_s, varied.control.rate_hz)
-        covered = InputRange.covering(goal, varied.learning.input_margin)
-        context = dataclasses.replace(learner_context(varied), input_range=covered)
-        learner = learner_kind(varied.learning.name).new(context)
-        with OfflinePractice(varied, path, learner) as practice:
-            trials = [TrialRecord.of(practised) for practised in practice.run()]
-            assert practice.ending is not None
-            outcome, message = str(practice.ending.outcome), practice.ending.message
-    except Exception as error:  # One seed that fails must not hide how the others went.
-        outcome, message = "failed", f"{type(error).__name__}: {error}"
+    ended = practise_unseen(varied, path, goal_s)
     share = effort_share(varied.arm, ExactInverseDynamics(varied, varied.sim), path, goal_s)
     exact_rms_rad = exact_trial(varied, path, goal_s).rms_error_rad
-    wall_s = time.monotonic() - started
-    return Result(seed, varied.sim, goal_s, share, exact_rms_rad, outcome, message, tuple(trials), wall_s)
+    return Result(seed, varied.sim, goal_s, share, exact_rms_rad, *ended)
 
 
 OUTCOMES = {
@@ -238,16 +218,6 @@ def _spread(values: Sequence[float], form: str = "{:.2f}") -> str:
     return f"{middle} ({low} to {high}; {largest})"
 
 
-TRIALS: list[Column[TrialRecord]] = [
-    Column("trial", lambda t: t.plan.index),
-    Column("duration [s]", lambda t: t.report.duration_s, ".3f"),
-    Column("RMS [mrad]", lambda t: t.rms_mrad, ".2f"),
-    Column("largest deviation [rad]", lambda t: t.excursion_rad, ".3f"),
-    Column("clipped", lambda t: t.report.saturated_ratio, ".3f"),
-    Column("why, and what happened", lambda t: f"{t.plan.reason}  {t.report.message}", left=True),
-]
-
-
 @study(seeds=200)
 def random_practice(options: StudyOptions) -> None:
     """Practise on random arms along random paths: how often does adaptive extension get there?
@@ -260,11 +230,8 @@ def random_practice(options: StudyOptions) -> None:
     seeds = [int(seed) for seed in options.only] or range(1, (2 if options.quick else options.seeds) + 1)
     results: list[Result] = []
     tasks = {f"seed {seed}": (config, seed) for seed in seeds}
-    for result in options.results(practise, tasks):
+    for result in shown_runs(options, practise, tasks, MISSED):
         results.append(result)
-        click.echo("  ".join(f"{column.heading} {column.text(result)}" for column in MISSED))
-        if options.only or result.outcome != "completed" or result.aborts:
-            click.echo(Table(TRIALS, result.trials).markdown())
         if len(results) % 20 == 0 or len(results) == len(tasks):
             drawn = {"random_practice": partial(figure, list(results), config)}
             options.write("random_practice.md", drawn, **summary(results, config))

@@ -1,4 +1,4 @@
-"""How far an arm may go that springs brake: from its energy, its weight and the springs."""
+"""The arm that is judged: limits, and how far it may go that springs brake, by energy and weight."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ falling, got up to 5.6 J back with 9.4 J of kinetic energy at most."""
 
 @dataclass(frozen=True)
 class Body:
-    """Springs, inertia and weight of an arm.
+    """Springs, limits, inertia and weight of an arm.
 
     ``torque_nm``: what makes the arm at rest in some postures accelerate so, from positions and accelerations
     of shape (n, n_joints), which is also its shape. The others: shape (n_joints,).
@@ -30,25 +30,28 @@ class Body:
     torque_nm: Callable[[FloatArray, FloatArray], FloatArray]
     soft_min_rad: FloatArray
     soft_max_rad: FloatArray
+    effort_limit_nm: FloatArray
+    velocity_limit_rad_s: FloatArray
+    position_min_rad: FloatArray
+    position_max_rad: FloatArray
 
     @classmethod
     def of(cls, config: Config) -> Body:
         """Return the body that is simulated for a configuration."""
-        stiffness = np.array(config.arm.stiffness_nm_per_rad)
+        arm, stiffness = config.arm, np.array(config.arm.stiffness_nm_per_rad)
+        limits = (arm.effort_limit_nm, arm.velocity_limit_rad_s, arm.position_min_rad, arm.position_max_rad)
         model = ExactInverseDynamics(config, config.sim)
 
         def torque_nm(position_rad: FloatArray, acceleration_rad_s2: FloatArray) -> FloatArray:
             inputs = np.hstack([position_rad, np.zeros_like(position_rad), acceleration_rad_s2])
-            torque: FloatArray = stiffness * model.predict(inputs)
-            return torque
+            return stiffness * model.predict(inputs)
 
-        return cls(stiffness, torque_nm, *soft_range(config.arm, config.safety))
+        return cls(stiffness, torque_nm, *soft_range(arm, config.safety), *map(np.array, limits))
 
     def kinetic_energy_j(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
         """Return ½ q̇ᵀ M q̇ in J. Shapes (n, n_joints), result (n,)."""
         inertia = self.torque_nm(position_rad, velocity_rad_s) - self.weight_nm(position_rad)
-        energy: FloatArray = 0.5 * np.einsum("ij,ij->i", velocity_rad_s, inertia)
-        return energy
+        return 0.5 * np.einsum("ij,ij->i", velocity_rad_s, inertia)
 
     def weight_nm(self, position_rad: FloatArray) -> FloatArray:
         """Return the torque that holds the arm. Shapes (n, n_joints)."""
@@ -76,5 +79,4 @@ class Body:
         x = (|g| + √(g² + 2 K E)) / K. With no energy that is twice what the spring sags by.
         """
         k, g = self.stiffness_nm_per_rad, np.abs(self.weight_nm(position_rad[None])[0])
-        reach: FloatArray = (g + np.sqrt(g**2 + 2.0 * k * energy_j)) / k
-        return reach
+        return (g + np.sqrt(g**2 + 2.0 * k * energy_j)) / k

@@ -64,7 +64,7 @@ def _run_graph(
                     continue
                 rows.append(row)
                 with results.open("a", encoding="utf-8") as file:  # one write: others append as well
-                    file.write(row.as_json() + "\n")
+                    file.write(json.dumps(asdict(row)) + "\n")
                 waiting.pop(0)
     except DiskUnavailableError as error:
         # Not stored: a campaign that is gone on with where it is permitted injects them.

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import signal
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 import psutil
 from fault_body import Body
 from fault_graph import END_TIMEOUT_S, START_TIMEOUT_S, FaultGraph
-from fault_judge import Episode, Expectation, JointLimits, Trace, caught_up_ns, crashes, judge
+from fault_judge import Episode, Expectation, Trace, caught_up_ns, crashes, judge
 from fault_kind import Kind
 from fault_kinds import ANY_REASON, FROZEN_RAD, KINDS, SILENCE_S
 from fault_plan import Fault
@@ -63,23 +62,12 @@ class Row:
     bags: int = 0
     wall_s: float = 0.0
 
-    def as_json(self) -> str:
-        """Return one line."""
-        return json.dumps(asdict(self))
-
 
 class Injection:
     """Injects faults into one running graph."""
 
     def __init__(self, graph: FaultGraph) -> None:
         self._graph, self._tap = graph, graph.tap
-        arm = graph.config.arm
-        self._limits = JointLimits(
-            np.array(arm.effort_limit_nm),
-            np.array(arm.position_min_rad),
-            np.array(arm.position_max_rad),
-            np.array(arm.velocity_limit_rad_s),
-        )
         self._body = Body.of(graph.config)
         self._next_trial = 2  # no other follows an aborted one before one has been completed
         self._verified: set[int] = set()
@@ -92,17 +80,15 @@ class Injection:
         started = time.monotonic()
         kind, row = KINDS[fault.kind], Row(fault)
         self._trial = 0
-        if kind.window_s is not None:
-            everybody = {*node_names(self._graph.config), "sim_bridge", "tel"}
-            self._graph.wait(
-                lambda: self._graph.ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S
-            )
+        ended, wait = self._graph.ended, self._graph.wait
         if kind.window_s is None:
-            self._graph.wait(lambda: self._tap.arm_ns > 0, START_TIMEOUT_S)  # stamps count from it
+            wait(lambda: self._tap.arm_ns > 0, START_TIMEOUT_S)  # stamps count from it
             self._act(fault, 1)
         else:
+            everybody = {*node_names(self._graph.config), "sim_bridge", "tel"}
+            wait(lambda: ended() or everybody <= set(self._graph.nodes()), START_TIMEOUT_S)
             begun = self._tap.when(self._next_trial, fault.offset_s, lambda trial: self._act(fault, trial))
-            self._graph.wait(lambda: begun.is_set() or self._graph.ended(), START_TIMEOUT_S)
+            wait(lambda: begun.is_set() or ended(), START_TIMEOUT_S)
         if not self._trial:
             row.message = self._graph.last_words()
             row.violations = [f"no trial came to inject it into: {row.message or 'nothing was said'}"]
@@ -171,7 +157,7 @@ class Injection:
             calm_ns=self._calm_ns(fault, fault_ns),
             body=self._body,
         )
-        verdict = judge(trace, self._limits, episode)
+        verdict = judge(trace, episode)
         row.violations += verdict.violations
         row.reaction_s, row.stopped = _number(verdict.reaction_s, 4), verdict.stopped
         row.effort_share, row.speed_share = round(verdict.effort_share, 4), round(verdict.speed_share, 4)

@@ -51,16 +51,6 @@ RANGE_MARGIN_RAD = 1e-3
 """An encoder of 13 bits tells no more."""
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of an arm. Arrays of shape (n_joints,)."""
-
-    effort_nm: FloatArray
-    position_min_rad: FloatArray
-    position_max_rad: FloatArray
-    velocity_rad_s: FloatArray
-
-
 TRACEBACK, FATAL = "Traceback (most recent call last)", "Fatal Python error"
 
 
@@ -141,8 +131,7 @@ def largest_work_from(effort_nm: FloatArray, position_rad: FloatArray) -> FloatA
     work[1:] = np.cumsum(np.einsum("ij,ij->i", effort_nm[1:], np.diff(position_rad, axis=0)))
     highest_later = np.maximum.accumulate(work[::-1])[::-1]
     rise = highest_later - work
-    largest: FloatArray = np.maximum.accumulate(rise[::-1])[::-1]
-    return largest
+    return np.maximum.accumulate(rise[::-1])[::-1]
 
 
 def caught_up_ns(stamp_ns: IntArray, arrived_s: FloatArray, n_before: int, since_ns: int) -> int:
@@ -170,17 +159,17 @@ def crashes(logs: Mapping[str, str], said: str, killed: str) -> list[str]:
     return found + [f"{name} {how}" for name, how in ended if name != killed]
 
 
-def judge(trace: Trace, limits: JointLimits, episode: Episode) -> Verdict:
+def judge(trace: Trace, episode: Episode) -> Verdict:
     """Judge what an arm did after a fault."""
     window = (trace.time_ns >= episode.fault_ns) & (trace.time_ns <= episode.end_ns)
-    violations = _limit_violations(trace, limits, window, episode.falls)
+    violations = _limit_violations(trace, episode, window)
     if episode.expects == "ride" and not episode.completed:
         violations.append("the trial was not completed, although the fault should not have mattered")
     since_ns = _has_to_be_safe_since(trace, episode)
     acting = window & np.any(trace.effort_nm != 0.0, axis=1)
     verdict = {
-        "effort_share": _largest_share(trace.effort_nm[window], limits.effort_nm),
-        "speed_share": _largest_share(trace.velocity_rad_s[acting], limits.velocity_rad_s),
+        "effort_share": _largest_share(trace.effort_nm[window], episode.body.effort_limit_nm),
+        "speed_share": _largest_share(trace.velocity_rad_s[acting], episode.body.velocity_limit_rad_s),
     }
     if since_ns is None:
         return Verdict(tuple(violations), float("nan"), "-", excursion_rad=float("nan"), **verdict)
@@ -261,8 +250,7 @@ def _gone(time_s: FloatArray, position_rad: FloatArray, acting: BoolArray) -> Fl
     rows = np.flatnonzero(acting)
     pauses = np.flatnonzero(np.diff(time_s[rows]) > LET_GO_S)
     first, last = rows[0], rows[pauses[0]] if len(pauses) else rows[-1]
-    gone: FloatArray = np.abs(position_rad[first : last + 1] - position_rad[first]).max(axis=0)
-    return gone
+    return np.abs(position_rad[first : last + 1] - position_rad[first]).max(axis=0)
 
 
 def _caught(time_ns: IntArray, effort_nm: FloatArray) -> IntArray:
@@ -270,27 +258,26 @@ def _caught(time_ns: IntArray, effort_nm: FloatArray) -> IntArray:
     rows = np.flatnonzero(np.any(effort_nm != 0.0, axis=1))
     # An arm of which nothing is known before the first sample counts as held there.
     acted_ns = np.concatenate([time_ns[:1], time_ns[rows]])
-    caught: IntArray = rows[np.diff(acted_ns) > LET_GO_S * NS_PER_S]
-    return caught
+    return rows[np.diff(acted_ns) > LET_GO_S * NS_PER_S]
 
 
-def _limit_violations(trace: Trace, limits: JointLimits, window: BoolArray, falls: bool) -> list[str]:
+def _limit_violations(trace: Trace, episode: Episode, window: BoolArray) -> list[str]:
     """Return the limits that were passed; gravity alone may move an arm without effort."""
-    found = []
+    found, limits, falls = list[str](), episode.body, episode.falls
     effort, position, velocity = (
         values[window] for values in (trace.effort_nm, trace.position_rad, trace.velocity_rad_s)
     )
     # Written so that what is not a number is a violation.
-    if not np.all(np.abs(effort) <= limits.effort_nm * (1.0 + 1e-9)):
-        found.append(f"effort of {_largest_share(effort, limits.effort_nm):.3f} of the limit")
+    if not np.all(np.abs(effort) <= limits.effort_limit_nm * (1.0 + 1e-9)):
+        found.append(f"effort of {_largest_share(effort, limits.effort_limit_nm):.3f} of the limit")
     counts = np.any(effort != 0.0, axis=1) if falls else np.ones(len(effort), dtype=bool)
-    fastest = np.broadcast_to(limits.velocity_rad_s, velocity.shape).copy()
+    fastest = np.broadcast_to(limits.velocity_limit_rad_s, velocity.shape).copy()
     for first in _caught(trace.time_ns[window], effort) if falls else ():
         # What it had before is not the motors' doing; what they add to it is.
-        fastest[first:] = np.maximum(limits.velocity_rad_s, CAUGHT_AT * np.abs(velocity[first - 1]))
+        fastest[first:] = np.maximum(limits.velocity_limit_rad_s, CAUGHT_AT * np.abs(velocity[first - 1]))
     position, velocity, fastest = position[counts], velocity[counts], fastest[counts]
     if not np.all(np.abs(velocity) <= fastest):
-        found.append(f"speed of {_largest_share(velocity, limits.velocity_rad_s):.3f} of the limit")
+        found.append(f"speed of {_largest_share(velocity, limits.velocity_limit_rad_s):.3f} of the limit")
     beyond = np.maximum(limits.position_min_rad - position, position - limits.position_max_rad)
     if not np.all(beyond <= RANGE_MARGIN_RAD):
         found.append(f"{float(beyond.max()):.3f} rad out of the range")

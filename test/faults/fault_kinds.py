@@ -74,7 +74,14 @@ def _paused(node: str, right: str, expects: Expectation = "stop", **more: Any) -
         graph.pause(node, values["pause_s"])
 
     more = {"name": f"pause_{node}", "what": "SIGSTOP for 0.2 to 1.5 s", **more}
-    return Kind(right=right, draw=m.draw_pause, expects=expects, says=STATES_LOST, act=act, **more)
+    return Kind(
+        right=right,
+        draw=m.draw_evenly("pause_s", 0.2, 1.5),
+        expects=expects,
+        says=STATES_LOST,
+        act=act,
+        **more,
+    )
 
 
 def _ending(name: str, what: str, says: str, codes: Sequence[int], act: Act, right: str, **more: Any) -> Kind:
@@ -106,6 +113,7 @@ def _hung_then_interrupted(graph: FaultGraph, values: m.Parameters) -> None:
 
 
 _CALLED = ("somebody calls /safety/stop", "emergency stop", (1,), lambda graph, _: graph.tap.emergency_stop())
+_DELAY = m.draw_evenly("delay_s", 0.01, 0.06, duration_s=1.0)
 _JOINT_FIELDS = ("name", "position", "velocity", "effort")
 _STATES = (
     _unusable("nan", "NaN as a position", partial(m.overwritten, "position", value=math.nan)),
@@ -123,7 +131,7 @@ _STATES = (
         "A state older than the last one is ignored.",
     ),
     _state(
-        *("delayed", "all are 10 to 60 ms late, for 1 s", m.draw_delay, "either", m.delayed),
+        *("delayed", "all are 10 to 60 ms late, for 1 s", _DELAY, "either", m.delayed),
         "Springs and dampers bear some latency; if the arm begins to swing, the path tolerance ends it.",
     ),
     _state(
@@ -191,7 +199,7 @@ _COMMANDS = (
         "The effort is one period old now and then, which does no harm.",
     ),
     _command(
-        *("delayed", "all are 10 to 60 ms late, for 1 s", m.draw_delay, m.delayed),
+        *("delayed", "all are 10 to 60 ms late, for 1 s", _DELAY, m.delayed),
         f"The driver refuses answers to states older than {1e3 * COMMAND_AGE_LIMIT_S:.0f} ms: as silence.",
     ),
     _command(
@@ -202,14 +210,23 @@ _COMMANDS = (
         _WATCHDOG + "when commands return, the trial goes on within the path tolerance or has been aborted.",
     ),
     _command(
-        *("limited", "the drives give 0.5 to 2 N·m at most, for 4 s", m.draw_limited, m.limited),
+        *(
+            "limited",
+            "the drives give 0.5 to 2 N·m at most, for 4 s",
+            m.draw_evenly("most_nm", 0.5, 2.0, 2, duration_s=4.0),
+            m.limited,
+        ),
         "Said, and not learned from; the trial is completed, or leaves the path tolerance.",
     ),
     Kind(
         *("command_duplicate", "a second publisher commands up to 20 % of the limit, for 1 s"),
         "Competing publishers are never right: the trial is aborted. What the second one sends still reaches "
         "the drive, so the arm is judged from its last message on.",
-        *(m.draw_foreign, "stop", ANY_REASON + "|commands the arm"),
+        *(
+            m.draw_evenly("share_of_limit", -0.2, 0.2, duration_s=1.0),
+            "stop",
+            ANY_REASON + "|commands the arm",
+        ),
         act=_commands_of_another_controller,
     ),
 )

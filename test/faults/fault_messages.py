@@ -29,6 +29,10 @@ def draw_lasting(duration_s: float) -> Draw:
     return lambda rng: {"duration_s": duration_s}
 
 
+def draw_evenly(name: str, low: float, high: float, digits: int = 3, **fixed: float) -> Draw:
+    return lambda rng: {**fixed, name: round(float(rng.uniform(low, high)), digits)}
+
+
 def draw_brief_or_long(rng: np.random.Generator) -> Parameters:
     """One message, some, or a second of them."""
     duration_s = float(rng.choice([_PERIOD_S, 5 * _PERIOD_S, 0.5, 1.0]))
@@ -48,10 +52,6 @@ def draw_huge_effort(rng: np.random.Generator) -> Parameters:
     return {"duration_s": duration_s, "joint": int(rng.integers(2)), "value": value}
 
 
-def draw_delay(rng: np.random.Generator) -> Parameters:
-    return {"duration_s": 1.0, "delay_s": round(float(rng.uniform(0.01, 0.06)), 3)}
-
-
 def draw_jump(sign: float) -> Draw:
     def draw(rng: np.random.Generator) -> Parameters:
         shift_s = sign * round(float(np.exp(rng.uniform(np.log(0.15), np.log(3600.0)))), 3)
@@ -69,14 +69,6 @@ def draw_stutter(rng: np.random.Generator) -> Parameters:
     return {"duration_s": 1.0, "every": int(rng.integers(5, 24))}
 
 
-def draw_pause(rng: np.random.Generator) -> Parameters:
-    return {"pause_s": round(float(rng.uniform(0.2, 1.5)), 3)}
-
-
-def draw_foreign(rng: np.random.Generator) -> Parameters:
-    return {"duration_s": 1.0, "share_of_limit": round(float(rng.uniform(-0.2, 0.2)), 3)}
-
-
 FOR_GOOD_S = 3600.0
 WHOLE = ("position", "velocity")
 
@@ -89,10 +81,6 @@ def draw_frozen(rng: np.random.Generator) -> Parameters:
 def draw_wiring(rng: np.random.Generator) -> Parameters:
     wrong = str(rng.choice(["flipped", "swapped", "degrees"]))
     return {"duration_s": FOR_GOOD_S, "wrong": wrong, "joint": int(rng.integers(2))}
-
-
-def draw_limited(rng: np.random.Generator) -> Parameters:
-    return {"duration_s": 4.0, "most_nm": round(float(rng.uniform(0.5, 2.0)), 2)}
 
 
 def overwritten(field: str, joint: int, value: float) -> Corruption:

@@ -12,6 +12,8 @@ from fault_judge import CAUGHT_AT, DELAY_S, EXPECTATIONS, REACTION_LIMIT_S
 from fault_kinds import KINDS
 from fault_setups import PRIORITY, RATE_HZ, RUN_S, SETUPS, SWING_RAD
 
+from tel_lab.tables import of_texts
+
 TEMPLATE = Path(__file__).with_name("fault_page.md")
 MANY = 20
 """Violations that the page tells in full."""
@@ -20,9 +22,8 @@ HEADER = ("fault", "faults", "violated", "completed", "stopped", "reaction, ms",
 
 def table(rows: Sequence[Row]) -> str:
     """Return the results, one line a kind."""
-    lines = [HEADER, *_results(rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, line, widths)) for line in lines)
+    kinds = _of_kinds(rows)
+    return of_texts(HEADER, [_cells(name, ours) for name, ours in {**kinds, "all": rows}.items()]).markdown()
 
 
 def write_page(rows: Sequence[Row], file: Path, command: str, planned: int) -> None:
@@ -37,8 +38,8 @@ def write_page(rows: Sequence[Row], file: Path, command: str, planned: int) -> N
         **{"reaction_limit_s": REACTION_LIMIT_S, "delay_ms": 1e3 * DELAY_S, "caught": CAUGHT_AT - 1.0},
         tolerances=", ".join(f"{s.work_tolerance_j:g} J (`{s.name}`)" for s in SETUPS.values()),
         expectations="\n".join(f"- **{name}**: {text}." for name, text in EXPECTATIONS.items()),
-        results=_markdown([HEADER, *_results(rows)]),
-        kinds=_markdown([("fault", "what", "right", "judged as"), *_kinds(rows)]),
+        results=table(rows),
+        kinds=of_texts(("fault", "what", "right", "judged as"), _kinds(rows), 4).markdown(),
         violations=_told("Violations", [row for row in judged if row.violations], _violation),
         earlier=_told("Found before a fault was injected again", [r for r in judged if r.earlier], _earlier),
     )
@@ -48,10 +49,6 @@ def write_page(rows: Sequence[Row], file: Path, command: str, planned: int) -> N
 def _of_kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     kinds = {name: [row for row in rows if row.fault.kind == name] for name in KINDS}
     return {name: ours for name, ours in kinds.items() if ours}
-
-
-def _results(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    return [_cells(name, ours) for name, ours in {**_of_kinds(rows), "all": list(rows)}.items()]
 
 
 def _cells(name: str, rows: Sequence[Row]) -> tuple[str, ...]:
@@ -80,10 +77,6 @@ def _kinds(rows: Sequence[Row]) -> list[tuple[str, ...]]:
         ways = sorted({kind.expectation(row.fault.parameters) for row in ours})
         lines.append((name, kind.what, kind.right, ", ".join(ways)))
     return lines
-
-
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [lines[0], ["---"] * len(lines[0]), *lines[1:]])
 
 
 def _summary(rows: Sequence[Row], judged: Sequence[Row]) -> str:

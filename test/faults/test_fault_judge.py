@@ -10,7 +10,6 @@ from fault_body import Body
 from fault_judge import (
     Control,
     Episode,
-    JointLimits,
     Trace,
     Verdict,
     caught_up_ns,
@@ -23,12 +22,15 @@ from tel_ros.core.trial import Phase
 
 PERIOD_S = 0.004
 N = 500
-LIMITS = JointLimits(np.array([20.0]), np.array([-2.0]), np.array([2.0]), np.array([5.0]))
 BODY = Body(
     stiffness_nm_per_rad=np.array([15.0]),
     torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2,
     soft_min_rad=np.array([-1.9]),
     soft_max_rad=np.array([1.9]),
+    effort_limit_nm=np.array([20.0]),
+    velocity_limit_rad_s=np.array([5.0]),
+    position_min_rad=np.array([-2.0]),
+    position_max_rad=np.array([2.0]),
 )
 """A joint of 1 kg·m² without a weight."""
 WEIGHTY = replace(BODY, torque_nm=lambda position_rad, acceleration_rad_s2: acceleration_rad_s2 + 3.0)
@@ -76,7 +78,7 @@ def braked(delay_s: float, drive_nm: float = 1.0) -> Trace:
 
 
 def judged(trace: Trace, **changes: object) -> Verdict:
-    return judge(trace, LIMITS, replace(STOP, **changes))
+    return judge(trace, replace(STOP, **changes))
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.09])
@@ -221,9 +223,9 @@ def test_nothing_is_asked_before_the_fault_and_after_the_next_trial_has_begun() 
     effort[:40], effort[400:] = 4.0, 8.0
     trace = moved(effort, speed_rad_s=0.0)
     next_trial = Control(int(trace.time_ns[395]), 2, Phase.APPROACH)
-    assert judge(trace, LIMITS, STOP).violations  # nobody said that a trial begins
+    assert judge(trace, STOP).violations  # nobody said that a trial begins
     slow = replace(trace, controls=[next_trial], velocity_rad_s=np.zeros((N, 1)))
-    assert judge(slow, LIMITS, replace(STOP, fault_ns=round(0.17e9))).violations == ()
+    assert judge(slow, replace(STOP, fault_ns=round(0.17e9))).violations == ()
 
 
 def test_a_trial_that_begins_on_a_braked_arm_that_still_moves_is_found() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -38,8 +40,8 @@ def rows() -> list[Row]:
 
 
 def line_of(text: str, kind: str) -> list[str]:
-    (line,) = [line for line in text.splitlines() if line.startswith(kind)]
-    return line.split()
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {kind}")]
+    return line.replace("|", "").split()
 
 
 def test_the_table_counts_faults_violations_and_ways_of_stopping(rows: list[Row]) -> None:
@@ -65,7 +67,7 @@ def test_the_page_tells_violations_skipped_and_repeated_faults(rows: list[Row], 
 def test_an_interrupted_campaign_goes_on_with_the_faults_that_are_not_stored(tmp_path: Path) -> None:
     faults, results = plan(6, 1), tmp_path / "results.jsonl"
     done = [Row(fault, outcome="completed", reaction_s=0.1) for fault in faults[:4]]
-    results.write_text("".join(row.as_json() + "\n" for row in done))
+    results.write_text("".join(json.dumps(asdict(row)) + "\n" for row in done))
     assert stored(results, faults) == done
     assert stored(tmp_path / "nothing.jsonl", faults) == []
     assert stored(results, plan(6, 2)) == [], "those of another campaign"

@@ -39,7 +39,7 @@ def trial(index: int, duration_s: float, share: float | None, **other: object) -
 def result(seed: int, *later: TrialRecord, group: str = "kinematics") -> Result:
     trials = (trial(1, 11.5, None, excursion_rad=0.2), *later)
     sim = SimConfig(coulomb_friction_nm=(0.1, 0.2), viscous_friction_nms_per_rad=(0.1, 0.1))
-    return Result(group, seed, sim, 1.0, 1.05, "completed", "reached", trials, 0, 1.0)
+    return Result(group, seed, sim, 1.0, 1.05, "completed", "reached", trials, 0)
 
 
 GOOD = [result(seed, trial(2, 3.0, 0.1), trial(3, 1.0 + 0.01 * seed, 0.9)) for seed in range(1, 11)]
