@@ -54,7 +54,6 @@ DOCS = ROOT / "docs"
 
 
 def assignments(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return keys and values as for ``--set``."""
     return tuple(f"{key}={json.dumps(value)}" for key, value in values.items())
 
 

@@ -32,7 +32,6 @@ class TimeBound:
 
     @property
     def time_s(self) -> FloatArray:
-        """When each s is reached. Shape (n,)."""
         return np.concatenate([[0.0], np.cumsum(2.0 * np.diff(self.s) / (self.rate[1:] + self.rate[:-1]))])
 
     @property

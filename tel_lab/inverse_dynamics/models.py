@@ -119,12 +119,6 @@ class SklearnModel:
         return len(pickle.dumps(self._estimators)) / 1e6
 
 
-def fit_ridge(inputs: FloatArray, outputs: FloatArray) -> list[Any]:
-    from sklearn.linear_model import Ridge
-
-    return [Ridge(1e-3).fit(inputs, outputs)]
-
-
 def fit_mlp(inputs: FloatArray, outputs: FloatArray, n_steps: int) -> list[Any]:
     """Return one network of all joints with two hidden layers of 64 tanh units."""
     from sklearn.neural_network import MLPRegressor
@@ -193,6 +187,8 @@ def all_models(
     data: DataSet, effort: Effort, note: Callable[[str], None]
 ) -> Iterator[tuple[str, bool, Model]]:
     """Yield name, whether it is ours, and model. Learners that cannot be had are noted and left out."""
+    from sklearn.linear_model import Ridge
+
     for name, settings in OURS.items():
         try:
             model = OurModel(LearningConfig(**settings), data)
@@ -202,4 +198,4 @@ def all_models(
         yield name, True, model
     yield GP, False, SklearnModel(lambda x, y: fit_gp(x, y, effort))
     yield MLP, False, SklearnModel(lambda x, y: fit_mlp(x, y, effort.mlp_steps))
-    yield "ridge", False, SklearnModel(fit_ridge)
+    yield "ridge", False, SklearnModel(lambda x, y: [Ridge(1e-3).fit(x, y)])

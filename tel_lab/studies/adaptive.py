@@ -176,7 +176,6 @@ def _reason(plan: PlannedTrial) -> str:
 
 
 def chapter(name: str, overrides: Sequence[str]) -> Chapter:
-    """Practise as a scenario says."""
     scenario = SCENARIOS[name]
     config = load_config(CONFIG, ["practice.strategy=adaptive_extension", *overrides, *scenario.overrides])
     trials, ending = practise(config, scenario.change)

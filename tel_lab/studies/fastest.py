@@ -162,8 +162,9 @@ def practise(name: str, seed: int, overrides: Sequence[str]) -> Result:
     # What a user knows: the path and the speed limits.
     ended = practise_unseen(config, path, config.practice.first_duration_s, before_trial)
     model = ExactInverseDynamics(config, sim).predict
-    bounds = [time_bound(config.arm, model, path, s).duration_s for s in (1.0, config.practice.effort_share)]
-    return Result(name, seed, sim, *bounds, *ended, n_before)
+    bound_s = time_bound(config.arm, model, path).duration_s
+    at_share_s = time_bound(config.arm, model, path, config.practice.effort_share).duration_s
+    return Result(name, seed, sim, bound_s, at_share_s, *ended, n_before)
 
 
 RUNS: list[Column[Result]] = [

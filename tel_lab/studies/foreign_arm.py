@@ -75,7 +75,6 @@ class Seen:
 
 
 def seen(case: str, guarded: bool, seed: int, folder: Path, overrides: tuple[str, ...]) -> Seen:
-    """Practise, let the fault happen, and read the arm's log."""
     for name, text in (("run.yaml", CONFIG), ("path.csv", PATH), ("arm.urdf", stand_in_arm.URDF)):
         (folder / name).write_text(text, encoding="utf-8")
     run, log = folder / "run", folder / "truth.npz"

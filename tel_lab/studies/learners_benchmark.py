@@ -65,7 +65,6 @@ class Result:
 
 
 def measured(model: Model, name: str, is_ours: bool, data: DataSet, parts: Sequence[float]) -> Result:
-    """Train on parts of the trials, the last one all of them, and measure."""
     errors, times = [], []
     for part in parts:
         trials = [

@@ -59,7 +59,6 @@ class Result:
 
     @property
     def final_rms_mrad(self) -> float:
-        """Tracking error of the last trial; NaN if there was none."""
         return self.trials[-1].rms_mrad if self.trials else float("nan")
 
     @property

@@ -18,8 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any
@@ -41,23 +41,8 @@ PRIORITY = 50
 SPAWN = multiprocessing.get_context("spawn")
 
 
-@dataclass(frozen=True)
-class Figures:
-    """What one loop did; times in ms."""
-
-    state_rate_hz: float
-    jitter_p50_ms: float
-    jitter_p99_ms: float
-    jitter_max_ms: float
-    in_time_percent: float
-    missed: int
-
-    @classmethod
-    def of(cls, timing: dict[str, float], in_time: float) -> Figures:
-        """Return the figures of a ``LoopTiming`` and the share of states answered within the period."""
-        p50, p99, largest = (1e3 * timing[f"jitter_{which}_s"] for which in ("p50", "p99", "max"))
-        missed = int(timing["missed_ticks"])
-        return cls(timing["state_rate_hz"], p50, p99, largest, 100.0 * in_time, missed)
+Figures = dict[str, float]
+"""What one loop did: a ``LoopTiming`` as a dictionary, and the share of states answered ``in_time``."""
 
 
 def bare_arm(rate_hz: float, duration_s: float, priority: int, results: Queue[Any]) -> None:
@@ -154,7 +139,7 @@ def bare_pair(rate_hz: float, duration_s: float, priority: int) -> Figures:
         parts.append((process, results))
     (controller, timing), (arm, in_time) = parts
     try:
-        return Figures.of(timing.get(timeout=90.0), in_time.get(timeout=90.0))
+        return {**timing.get(timeout=90.0), "in_time": in_time.get(timeout=90.0)}
     finally:
         for process in (controller, arm):
             process.join(10.0)
@@ -196,7 +181,7 @@ def product(
     for line in (folder / "log" / "ep_controller.log").read_text().splitlines():
         if "refused" in line:
             print(line, file=sys.stderr)
-    return Figures.of(trial["timing"], in_time(folder / trial["bag"], rate_hz))
+    return {**trial["timing"], "in_time": in_time(folder / trial["bag"], rate_hz)}
 
 
 def in_time(bag: Path, rate_hz: float) -> float:
@@ -226,24 +211,14 @@ def in_time(bag: Path, rate_hz: float) -> float:
     return found / max(asked, 1)
 
 
-@contextlib.contextmanager
-def busy_core() -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
-
-
 Measured = tuple[str, Figures | None, Figures]
 """What a row is called, its figures, and those of the bare pair."""
 
 
-def _both(name: str, digits: int) -> Callable[[Measured], str]:
+def _both(name: str, digits: int, unit: float = 1.0) -> Callable[[Measured], str]:
     def text(row: Measured) -> str:
         _, ours, bare = row
-        return f"{getattr(ours, name):.{digits}f} ({getattr(bare, name):.{digits}f})" if ours else "failed"
+        return f"{unit * ours[name]:.{digits}f} ({unit * bare[name]:.{digits}f})" if ours else "failed"
 
     return text
 
@@ -251,12 +226,14 @@ def _both(name: str, digits: int) -> Callable[[Measured], str]:
 COLUMNS = [
     Column[Measured]("loop", lambda row: row[0], left=True),
     Column("rate Hz", _both("state_rate_hz", 1)),
-    Column("jitter p50 ms", _both("jitter_p50_ms", 3)),
-    Column("p99 ms", _both("jitter_p99_ms", 3)),
-    Column("max ms", _both("jitter_max_ms", 2)),
-    Column("answered in time %", _both("in_time_percent", 2)),
-    Column("missed ticks", _both("missed", 0)),
-    Column("p99, times the bare pair's", lambda r: r[1] and r[1].jitter_p99_ms / r[2].jitter_p99_ms, ".2f"),
+    Column("jitter p50 ms", _both("jitter_p50_s", 3, 1e3)),
+    Column("p99 ms", _both("jitter_p99_s", 3, 1e3)),
+    Column("max ms", _both("jitter_max_s", 2, 1e3)),
+    Column("answered in time %", _both("in_time", 2, 100.0)),
+    Column("missed ticks", _both("missed_ticks", 0)),
+    Column(
+        "p99, times the bare pair's", lambda r: r[1] and r[1]["jitter_p99_s"] / r[2]["jitter_p99_s"], ".2f"
+    ),
 ]
 
 
@@ -273,7 +250,10 @@ def realtime_loop(options: StudyOptions, config: Path, seconds: float, rates_hz:
         for rate_hz, busy, priority in itertools.product(rates_hz, (False, True), (0, PRIORITY)):
             name = f"{rate_hz:.0f} Hz, {'busy' if busy else 'idle'}, {'options' if priority else 'plain'}"
             run = Path(folder) / f"run_{len(rows)}"
-            with busy_core() if busy else contextlib.nullcontext():
+            with contextlib.ExitStack() as stack:
+                if busy:
+                    endless = [sys.executable, "-c", "while True: pass"]
+                    stack.callback(stack.enter_context(subprocess.Popen(endless)).kill)
                 ours = product(config, rate_hz, seconds, priority, run, options.overrides)
                 rows.append((name, ours, bare_pair(rate_hz, seconds, priority)))
             print(*(column.text(rows[-1]) for column in COLUMNS), sep="  ", file=sys.stderr)

@@ -157,7 +157,6 @@ HEADINGS = ("storage", "chunk s", "kills", *FOUND, "lost s, median", "most", "sa
 
 
 def row(recording: RecordingConfig, kills: list[Kill]) -> list[str]:
-    """Return a line of the table: all kills of one storage."""
     counts = [sum(kill.found == found for kill in kills) for found in FOUND]
     of_recovered = [(k.lost_s, 100.0 * k.saved / k.sent) for k in kills if k.found == "recovered"]
     figures = [NONE] * 3

@@ -10,7 +10,6 @@ import math
 import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ import yaml
 
 from tel_lab.offline import OfflinePractice
 from tel_lab.study import StudyOptions, study
-from tel_lab.tables import Column, Table
+from tel_lab.tables import Column, Table, of_texts
 from tel_ros.core.arm_description import TURNING, ArmDescription
 from tel_ros.core.errors import InputFileError, TelError
 from tel_ros.core.plain_urdf import check_dynamics
@@ -51,7 +50,6 @@ class Judged:
 
 
 def judged(package: str, folder: Path, file: Path) -> Judged:
-    """Practise one trial with the arm of a file."""
     name = str(file.relative_to(folder))
     try:
         urdf = read_urdf(file)
@@ -84,7 +82,6 @@ def arm_joints(urdf: Urdf) -> tuple[str, ...]:
 
 
 def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) -> TrialReport:
-    """Practise one trial, and return how it went."""
     arm = ArmDescription(urdf, joints)
     below = {joint.name for joint in urdf.way_to(urdf.joints[joints[-1]].parent)}
     said = {name for name in arm.held if name in below or urdf.joints[name].element.find("mimic") is not None}
@@ -125,16 +122,10 @@ def practised(urdf: Urdf, file: Path, joints: tuple[str, ...], scratch: Path) ->
     return trial.report
 
 
-Counted = tuple[str, int, int, int, int, int]
-"""A package, and its numbers of files and of each kind of result."""
-COUNTS = (
-    Column[Counted]("package", lambda row: row[0], left=True),
-    *(Column[Counted](name, itemgetter(k)) for k, name in enumerate(("files", *KINDS), start=1)),
-)
 REFUSALS = (
     Column[tuple[str, list[Judged]]]("file", lambda row: f"`{row[1][0].file}`", left=True),
     Column[tuple[str, list[Judged]]]("files", lambda row: len(row[1])),
-    Column[tuple[str, list[Judged]]]("what is said", lambda row: row[0].replace("|", "\\|"), left=True),
+    Column[tuple[str, list[Judged]]]("what is said", lambda row: row[0], left=True),
 )
 
 
@@ -154,15 +145,17 @@ def urdf_files(options: StudyOptions, packages: tuple[str, ...]) -> None:
             if file.is_file() and "random_urdfs" not in file.parts:
                 tasks[str(file)] = (folder.name, folder, file)
     found = list(options.results(judged, tasks))
-    counts: list[Counted] = []
+    counts = []
     for package in dict.fromkeys(row.package for row in found):
         kinds = [row.kind for row in found if row.package == package]
-        done, aborted, refused, none = (kinds.count(kind) for kind in KINDS)
-        counts.append((package, len(kinds), done, aborted, refused, none))
+        counts.append([package, *map(str, (len(kinds), *map(kinds.count, KINDS)))])
     groups: dict[str, list[Judged]] = {}
     for row in (row for row in found if row.kind == REFUSED):
         groups.setdefault(row.said, []).append(row)
-    tables = Table(COUNTS, counts).markdown(), Table(REFUSALS, list(groups.items())).markdown()
+    tables = (
+        of_texts(("package", "files", *KINDS), counts).markdown(),
+        Table(REFUSALS, list(groups.items())).markdown(),
+    )
     print(*tables, sep="\n\n")
     no_arm = sum(row.kind == NO_ARM for row in found)
     options.write(

@@ -107,21 +107,21 @@ class Row:
     ratio: list[float] = field(default_factory=list)
 
 
-def _median(name: str) -> Callable[[Row], float]:
-    return lambda row: statistics.median(getattr(figures, name) for figures in row.figures)
+def _median(name: str, unit: float = 1.0) -> Callable[[Row], float]:
+    return lambda row: unit * statistics.median(figures[name] for figures in row.figures)
 
 
 def _p99(row: Row) -> str:
-    p99 = [figures.jitter_p99_ms for figures in row.figures]
+    p99 = [1e3 * figures["jitter_p99_s"] for figures in row.figures]
     return f"{statistics.median(p99):.2f} ({min(p99):.2f}–{max(p99):.2f})"
 
 
 COLUMNS = [
     Column[Row]("", lambda row: row.way, left=True),
     Column("rate Hz", _median("state_rate_hz"), ".0f"),
-    Column("jitter p50 ms", _median("jitter_p50_ms"), ".3f"),
+    Column("jitter p50 ms", _median("jitter_p50_s", 1e3), ".3f"),
     Column("p99 ms (range)", _p99),
-    Column("answered in time %", _median("in_time_percent"), ".1f"),
+    Column("answered in time %", _median("in_time", 100.0), ".1f"),
     Column("p99, times that without", lambda row: statistics.median(row.ratio), ".2f"),
     Column("view, % of a core", lambda row: 100.0 * statistics.median(row.cpu), ".0f"),
 ]
@@ -150,7 +150,7 @@ def view_cost(
             if len(measured) < len(WAYS):
                 print(f"turn {turn + 1}: a run failed; left out", file=sys.stderr)
                 continue
-            p99_ms = {way: figures.jitter_p99_ms for way, (figures, _) in measured.items()}
+            p99_ms = {way: 1e3 * figures["jitter_p99_s"] for way, (figures, _) in measured.items()}
             for way, (figures, cpu) in measured.items():
                 rows[way].figures.append(figures)
                 rows[way].cpu.append(cpu)

@@ -24,12 +24,8 @@ from tel_ros.recording.config_file import flat_values, load_config, read_yaml
 class MapPlan:
     """A figure to draw of a sweep: one panel a case, a cell for each pair of values.
 
-    Args:
-        x: key of the grid whose values go from left to right.
-        y: key of the grid whose values go up.
-        tolerance_rad: RMS error of the last trial that is good enough.
-        x_label: for the axis; empty: the key.
-        y_label: the same.
+    ``x`` and ``y`` are keys of the grid, their labels empty for the key itself; ``tolerance_rad`` is the RMS
+    error of the last trial that is good enough.
     """
 
     x: str

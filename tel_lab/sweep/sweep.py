@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from importlib.util import find_spec
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -65,13 +66,11 @@ class SweepFolder:
         csv_file, parquet_file = self.path / "table.csv", self.path / "table.parquet"
         columns = [Column(key, itemgetter(key)) for key in flat[0]] if flat else []
         write_atomically(csv_file, Table(columns, flat).csv() if flat else "")
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError:  # optional: there is the CSV
+        if not flat or find_spec("pyarrow") is None:  # it is optional
             return [csv_file]
-        if not flat:
-            return [csv_file]
+        import pyarrow
+        import pyarrow.parquet
+
         beside = parquet_file.with_name(f".{parquet_file.name}.tmp")
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(flat), beside)
         beside.replace(parquet_file)

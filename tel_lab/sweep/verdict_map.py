@@ -106,7 +106,6 @@ def map_figure(rows: Sequence[Row], plan: MapPlan) -> Figure:
 
 
 def _panel_of(row: Row, plan: MapPlan) -> str:
-    """Return what tells the panel of a row from the others."""
     apart = {"seed", "config_hash", plan.x, plan.y, *MEASURES}
     others = {key: value for key, value in row.items() if key not in apart}
     return ", ".join(str(value) if key == "case" else f"{key} = {value}" for key, value in others.items())

@@ -63,7 +63,6 @@ def run_theory(run: RunData) -> RunTheory:
 
 
 def theory(run: RunData) -> Content:
-    """The section of a report: figure and table."""
     found = run_theory(run)
     if not found.estimates:
         return Content(caption=found.missing)

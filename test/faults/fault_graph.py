@@ -48,20 +48,15 @@ class FaultGraph:
         self.config, self._settings = setup.config(folder, trials)
         self._disk = folder / "disk"
         self.run = (self._disk if small_disk else folder) / "run"
-        self._stack = ExitStack()
         self._timers: list[threading.Timer] = []
 
     def __enter__(self) -> FaultGraph:
-        """Start everything."""
-        try:
+        with ExitStack() as self._stack:
             self._start()
-        except BaseException:
-            self._stack.close()
-            raise
+            self._stack = self._stack.pop_all()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End everything that was started."""
         for timer in self._timers:
             timer.cancel()
         self._stack.close()
@@ -129,10 +124,8 @@ class FaultGraph:
         return self._nodes
 
     def pause(self, name: str, pause_s: float) -> None:
-        """Stop a process for a while."""
         process = self._nodes[name]
         process.send_signal(signal.SIGSTOP)
-
         self.later(pause_s, lambda: process.send_signal(signal.SIGCONT))
 
     def later(self, wait_s: float, act: Callable[[], None]) -> None:
@@ -146,7 +139,6 @@ class FaultGraph:
         self._timers[-1].start()
 
     def send(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a process."""
         self._nodes[name].send_signal(number)
 
     def fill_disk(self) -> None:
@@ -164,11 +156,9 @@ class FaultGraph:
         threading.Thread(target=fill).start()
 
     def limit_files(self, name: str) -> None:
-        """Forbid a process to let any file grow."""
         self._nodes[name].rlimit(psutil.RLIMIT_FSIZE, (0, 0))
 
     def ended(self) -> bool:
-        """Whether ``tel practice`` has ended."""
         return self.tel.poll() is not None
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
@@ -189,14 +179,12 @@ class FaultGraph:
         return sorted(name for name, process in ours.items() if _runs(process))
 
     def last_words(self) -> str:
-        """Return the last line that ``tel practice`` has said."""
         text = (self._folder / "tel.err").read_text(errors="replace")
         lines = [line for line in text.splitlines() if line.strip()]
         said = [line for line in lines if line.startswith("tel: ")]
         return (said or lines or [""])[-1]
 
     def log(self, name: str) -> str:
-        """Return what a node has logged, or ``tel`` has said."""
         file = self._folder / "tel.err" if name == "tel" else self.run / LOG_FOLDER / f"{name}.log"
         return file.read_text(errors="replace") if file.exists() else ""
 

@@ -160,7 +160,6 @@ def crashes(logs: Mapping[str, str], said: str, killed: str) -> list[str]:
 
 
 def judge(trace: Trace, episode: Episode) -> Verdict:
-    """Judge what an arm did after a fault."""
     window = (trace.time_ns >= episode.fault_ns) & (trace.time_ns <= episode.end_ns)
     violations = _limit_violations(trace, episode, window)
     if episode.expects == "ride" and not episode.completed:

@@ -52,11 +52,9 @@ class Kind:
 
     @property
     def ends_run(self) -> bool:
-        """Whether the run is over then."""
         return bool(self.codes)
 
     def expectation(self, parameters: m.Parameters) -> Expectation:
-        """Return what is right for these parameters."""
         return self.expects(parameters) if callable(self.expects) else self.expects
 
     def corruption(self, parameters: m.Parameters) -> m.Corruption | None:
@@ -65,7 +63,6 @@ class Kind:
         return self.change(**values) if self.change else None
 
     def inject(self, graph: FaultGraph, parameters: m.Parameters) -> None:
-        """Do it to a running graph."""
         corruption = self.corruption(parameters)
         if corruption:
             channel = "states" if self.name.startswith("state_") else "commands"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -118,7 +119,6 @@ def reordered() -> Corruption:
 
 
 def delayed(delay_s: float) -> Corruption:
-    """Delay every message."""
     return lambda message: [(delay_s, message)]
 
 
@@ -130,14 +130,8 @@ def dropped(share: float, seed: int = 0) -> Corruption:
 
 def thinned(every: int) -> Corruption:
     """Pass only every n-th message on, as a computer does that keeps standing still."""
-    n = 0
-
-    def corrupt(message: Message) -> Passed:
-        nonlocal n
-        n += 1
-        return [] if n % every else [(0.0, message)]
-
-    return corrupt
+    numbers = itertools.count(1)
+    return lambda message: [] if next(numbers) % every else [(0.0, message)]
 
 
 def stood(fields: Sequence[str], joint: int | None) -> Corruption:

@@ -127,7 +127,6 @@ class Tap(Node):
         return message
 
     def emergency_stop(self) -> None:
-        """Ask the controller to stop."""
         self._stop.call_async(Trigger.Request())
 
     def trace(self, since_wall_s: float) -> Trace:
