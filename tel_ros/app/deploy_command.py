@@ -54,7 +54,7 @@ def deploy(run: Path, out: Path, trial: int | None, name: str | None, rate_hz: f
     deploy_all(movements, out)
     if as_json:
         results = [
-            {"folder": str(folder), "points": len(each.time_ns), "trial": each.report.to_plain()}
+            {"folder": str(folder), "points": len(each.points.time_ns), "trial": each.report.to_plain()}
             for folder, each in movements.items()
         ]
         result = results[0] if out in movements else {"folder": str(out), "movements": results}
@@ -64,6 +64,6 @@ def deploy(run: Path, out: Path, trial: int | None, name: str | None, rate_hz: f
         report = each.report
         show(
             f"trial {report.index}: {report.duration_s:.3f} s with {1e3 * report.rms_error_rad:.2f} mrad RMS "
-            f"in {len(each.time_ns)} points",
+            f"in {len(each.points.time_ns)} points",
             f"written to {folder}; {folder / 'README.md'} says how to run it",
         )

@@ -67,7 +67,7 @@ class CompetingPublishers:
 
     def __init__(self, node: Node, command_topic: str, commander: str = "") -> None:
         self._node = node
-        self._command_topic = node.resolve_topic_name(command_topic)
+        self.command_topic = node.resolve_topic_name(command_topic)
         self._states_topic = node.resolve_topic_name(topics.JOINT_STATES)
         guard = topics.absolute(topics.ARM_GUARD, node.get_namespace())
         self._ours = {_shown(commander or node.get_fully_qualified_name()), _shown(guard)}
@@ -78,11 +78,11 @@ class CompetingPublishers:
 
     def look(self) -> None:
         """Look again."""
-        others = set(self._publishers(self._command_topic)) - self._ours
+        others = set(self._publishers(self.command_topic)) - self._ours
         speakers = self._publishers(self._states_topic)
         self.of_commands = self.of_states = ""
         if others:
-            self.of_commands = f"{', '.join(sorted(others))} commands the arm on {self._command_topic}, too"
+            self.of_commands = f"{', '.join(sorted(others))} commands the arm on {self.command_topic}, too"
         if len(speakers) > 1:
             self.of_states = f"{' and '.join(speakers)} publish {self._states_topic}: who speaks for the arm?"
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -12,6 +14,7 @@ from tel_interfaces.msg import ControlState
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
+from tel_ros.core.control.observed import ObservedController
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.trial import Outcome
@@ -31,6 +34,12 @@ from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
+LEFT = {
+    "effort": "zero effort",
+    "position": "the drive holds its last set point",
+    "trajectory": "the trajectory controller is told to hold where the arm is",
+}
+"""What becomes of an arm whose states are lost."""
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -48,25 +57,27 @@ class EpControllerNode(ManagedNode):
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         arm, control, waits = config.arm, config.control, config.arm_waits_for_commands
         self._joints = arm.joints
-        self._make_controller = partial(EpController, arm, control, config.safety)
+        follows = arm.command_interface == "trajectory"
+        kind = ObservedController if follows else EpController
+        self._make_controller = partial(kind, arm, control, config.safety)
         self._controller = self._make_controller()
         run = declare_resume(self)
         # A real arm may have been moved meanwhile: what was held then is nothing to go on from.
-        if run is not None and waits and not replay_control(self._controller, run, self._joints):
+        if run is not None and waits and not follows and not replay_control(self._controller, run, self._joints):
             self.get_logger().warning("not all decisions are recorded: the arm is picked up where it is")
             self._controller = self._make_controller()
-        self._interface = arm.command_interface
-        self._holds_at_the_end = self._interface == "position" or config.safety.final_effort == "hold"
+        self._interface, self._follows = arm.command_interface, follows
+        self._holds_at_the_end = self._interface != "effort" or config.safety.final_effort == "hold"
         self._answers_between_trials = not waits
         timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
         self._arm = SeenArm(self._joints, control, timeout_s)
         self._silence_s = timeout_s if waits else longest_silence_s(timeout_s)
         self._read = joint_state_reader()
-        # Position drives brake by themselves, with states that are never late.
+        # Who has the springs brakes with states that are never late.
         wall_clock = not waits and self._interface == "effort"
         self._gate = StateGate(arm, control, config.safety.clock_drift if wall_clock else None)
         self._estimated: tuple[str, ...] = ()
-        self._channel: CommandChannel | None = None  # from configure to cleanup
+        self._channel: Any = None  # from configure to cleanup
         self._acts = self._ending = False
         self._seen_at_end = "the controller has not moved the arm"
         self._control_state = ControlStateLayout(len(self._joints))
@@ -77,10 +88,20 @@ class EpControllerNode(ManagedNode):
 
         # Also before it is active: listening does no harm, and tells whether there is an arm.
         self._states = RateMeter()
-        states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state)
+        # A simulation that goes ahead waits for none of its states in particular.
+        profile = qos.EVERYTHING if follows and waits else qos.NEWEST
+        states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state, profile)
         self.busy_subscriptions, self._states_topic = [states], str(states.topic_name)
+        self._make_channel: Callable[[], Any] = partial(CommandChannel, self, self._interface)
+        if follows:
+            # Late: most arms need no control_msgs.
+            from tel_ros.nodes.trajectory_channel import TrajectoryChannel
+
+            channel = TrajectoryChannel(self, config)
+            self.busy_subscriptions.append(channel.states)
+            self._make_channel = lambda: channel
         self.create_timer(0.02, self._watch, clock=STEADY)
-        self._competing = CompetingPublishers(self, topics.COMMANDS[self._interface])
+        self._competing = CompetingPublishers(self, topics.commands(arm))
         self._ready = Bool()
         self._ready_pub = self.create_publisher(Bool, topics.private(topics.READY), qos.LATCHED)
         self._ready_pub.publish(self._ready)
@@ -97,7 +118,7 @@ class EpControllerNode(ManagedNode):
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
-        self._channel = CommandChannel(self, self._interface)
+        self._channel = self._make_channel()
         self._state_pub = self.create_publisher(
             ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
         )
@@ -258,6 +279,8 @@ class EpControllerNode(ManagedNode):
     def _watch(self) -> None:
         """End what is under way when other nodes command the arm or publish its states, or states stop."""
         self._competing.look()
+        if self._acts and self._follows:
+            self._channel.follow()
         if self._competing.of_states and (self._commanding or self._controller.active):
             self._lose_states(self._competing.of_states)
         elif self._competing.of_commands:
@@ -270,7 +293,7 @@ class EpControllerNode(ManagedNode):
             self._lose_states(self._arm.silence())
 
     def _lose_states(self, message: str) -> None:
-        left = "zero effort" if self._interface == "effort" else "the drive holds its last set point"
+        left = LEFT[self._interface]
         self.get_logger().error(f"{message}: {left}")
         self._controller.lose_states(message)
         self._publish_zero()
@@ -290,7 +313,8 @@ class EpControllerNode(ManagedNode):
         if not self._arm.is_fresh:
             return f"no joint states on {self._states_topic}"
         unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
-        return self._competing.of_states or self._competing.of_commands or unheard
+        others = self._competing.of_states or self._competing.of_commands
+        return others or unheard or (self._channel.problem if self._follows else "")
 
     def _tell_ready(self) -> None:
         ready = not (self._obstacle() or self._controller.braking)
@@ -308,7 +332,7 @@ class EpControllerNode(ManagedNode):
         trial = self._controller.goal.index if self._controller.goal else 0
         phase, stopped, last = self._controller.phase.name, self._safety.reason, self._trials.last
         listeners = self._channel.listeners if self._channel else 0
-        commands_topic = self.resolve_topic_name(topics.COMMANDS[self._interface])
+        commands_topic = self._competing.command_topic
         ended = f"trial {last.index}: {last.outcome.name}" if last else "none"
         ended += f": {last.message}" if last and last.message else ""
         found = (

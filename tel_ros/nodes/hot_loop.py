@@ -20,6 +20,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from tel_ros.nodes import qos
@@ -63,9 +64,11 @@ class BusyGroup(CallbackGroup):
         """Nothing to release."""
 
 
-def busy_subscription(node: Node, kind: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
-    """Return a subscription that hears the newest message only, as bytes."""
-    return node.create_subscription(kind, topic, callback, qos.NEWEST, raw=True, callback_group=BusyGroup())
+def busy_subscription(
+    node: Node, kind: type, topic: str, callback: Callable[[bytes], None], profile: QoSProfile = qos.NEWEST
+) -> Subscription:
+    """Return a subscription that hears the newest message only, or as the profile says, as bytes."""
+    return node.create_subscription(kind, topic, callback, profile, raw=True, callback_group=BusyGroup())
 
 
 def spin_hot(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -39,11 +39,7 @@ LITTLE_SPACE_MB, NO_SPACE_MB = 500.0, 50.0
 """A trial of ten seconds at 500 Hz takes about 3 MB."""
 _CHECK_PERIOD_S = 0.02
 _BATCH_S = 0.01  # nobody waits for the recorder, so it need not wake up for every message
-_MESSAGE_TYPES = {
-    topics.JOINT_STATES: JointState,
-    topics.CONTROL_STATES: messages.ControlState,
-    **dict.fromkeys(topics.RECORDED_COMMANDS, Float64MultiArray),
-}
+_MESSAGE_TYPES = {topics.JOINT_STATES: JointState, topics.CONTROL_STATES: messages.ControlState}
 
 
 class TrialRecorderNode(Node):
@@ -57,6 +53,9 @@ class TrialRecorderNode(Node):
         super().__init__("trial_recorder")
         config = load_parameters(self, "recording")
         self._recording = config.recording
+        # One that follows trajectories gets no command of each state.
+        follows = config.arm.command_interface == "trajectory"
+        self._commands = () if follows else tuple(topics.RECORDED_COMMANDS)
         typestore()  # takes a second to import: now, not when the first trial waits for it
         self._writer: TrialBagWriter | None = None
         self._heard_at: dict[str, float] = {}
@@ -74,7 +73,7 @@ class TrialRecorderNode(Node):
             self.create_subscription(
                 kind, topic, partial(self._record, topic), qos.EVERYTHING, raw=True, callback_group=busy
             )
-            for topic, kind in _MESSAGE_TYPES.items()
+            for topic, kind in (_MESSAGE_TYPES | dict.fromkeys(self._commands, Float64MultiArray)).items()
         ]
         # Both services wait: in a group of their own, messages are served meanwhile.
         self._group = ReentrantCallbackGroup()
@@ -130,11 +129,11 @@ class TrialRecorderNode(Node):
     def _has_all_until(self, end_ns: int) -> bool:
         """Return whether everything up to the last tick has arrived, and the state after its command."""
         last = {topic: stamps[-1] for topic, stamps in self._stamps.items() if stamps}
-        commands = [last[topic] for topic in topics.RECORDED_COMMANDS if topic in last]
+        commands = [last[topic] for topic in self._commands if topic in last]
         return (
             last.get(topics.JOINT_STATES, -1) > end_ns
             and last.get(topics.CONTROL_STATES, -1) >= end_ns
-            and max(commands, default=-1) >= end_ns
+            and (not self._commands or max(commands, default=-1) >= end_ns)
         )
 
     async def _start(
@@ -207,7 +206,7 @@ class TrialRecorderNode(Node):
             self._writer = None
             response.message = self._complain(error)
             return response
-        self._missing = missing(self._stamps)
+        self._missing = missing(self._stamps, self._commands)
         if self._missing:  # what is not learned from: a lost tick fails the trial
             lost = ", ".join(f"{n} of {topic}" for topic, n in self._missing.items())
             self.get_logger().warning(f"{writer.bag}: did not arrive: {lost}")
@@ -269,18 +268,22 @@ class TrialRecorderNode(Node):
         return [topic for topic in topics.RECORDED_LIVE if self._heard_at.get(topic, 0.0) < recently]
 
 
-def missing(stamps_ns: Mapping[str, Sequence[int]]) -> dict[str, int]:
+def missing(
+    stamps_ns: Mapping[str, Sequence[int]], topics_of_commands: Collection[str] = topics.RECORDED_COMMANDS
+) -> dict[str, int]:
     """Return how many joint states and commands (:data:`COMMANDS`) a recording of a trial lacks, if any.
 
     Each control state carries the stamp of the joint state that it answers, and so does the command that went
     out with it: a stamp without its counterpart is a message that was lost on the way. What came before the
     first message of a topic does not count, because the recording may have begun in between.
 
-    ``stamps_ns``: of what was recorded, by topic; of control states only those of the trial.
+    ``stamps_ns``: of what was recorded, by topic; of control states only those of the trial. Without
+    ``topics_of_commands`` none are expected.
     """
     answered = stamps_ns.get(topics.CONTROL_STATES, ())
-    commands = {stamp for topic in topics.RECORDED_COMMANDS for stamp in stamps_ns.get(topic, ())}
-    found = {topics.JOINT_STATES: set(stamps_ns.get(topics.JOINT_STATES, ())), COMMANDS: commands}
+    found = {topics.JOINT_STATES: set(stamps_ns.get(topics.JOINT_STATES, ()))}
+    if topics_of_commands:
+        found[COMMANDS] = {stamp for topic in topics_of_commands for stamp in stamps_ns.get(topic, ())}
     lacking = {}
     for topic, present in found.items():
         begun = next((k for k, stamp in enumerate(answered) if stamp in present), 0)

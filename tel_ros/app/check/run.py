@@ -52,7 +52,7 @@ def check_arm(
     if config.run.arm == "sim":
         # The simulated arm concerns nobody else on the network.
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    command_topic = topics.COMMANDS[config.arm.command_interface]
+    command_topic = topics.commands(config.arm)
     with ArmClient(config.arm.joints, namespace) as client, ExitStack() as arm:
         begun_s = time.monotonic()
         # What takes long to load is loaded while others are discovered, or start.
@@ -87,7 +87,7 @@ def check_arm(
 
 def _simulated_arm(arm: ExitStack, client: ArmClient, config: Config, namespace: str) -> NodeProcesses:
     """Start the simulated arm, once it is sure that its check cannot reach another one."""
-    found = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
+    found = endpoints(client.node, topics.commands(config.arm))
     if others := sorted({node for kind in found for node, _, _ in kind}):
         expected = f"a domain without another arm, or run.arm=external (found {', '.join(others)})"
         raise ConfigError("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "0"), expected)
@@ -103,7 +103,7 @@ def _wait_for_states(client: ArmClient, config: Config) -> None:
     timeout_s = config.run.arm_timeout_s + (20.0 if config.run.arm == "sim" else 0.0)
     if not client.spin_until(lambda: bool(client.names), timeout_s):
         topic = client.node.resolve_topic_name(topics.JOINT_STATES)
-        publishers, _, listeners = endpoints(client.node, topics.COMMANDS[config.arm.command_interface])
+        publishers, _, listeners = endpoints(client.node, topics.commands(config.arm))
         there = "Is the arm's driver running, its joint_state_broadcaster active, and ROS_DOMAIN_ID the same?"
         if publishers:
             there = f"{listed(publishers)} could publish them and does not."
@@ -123,9 +123,9 @@ def _why_not_pulsed(
     blocking = dict.fromkeys(finding.check for finding in findings if finding.blocks)
     if bounds is None:
         return "--passive was given"
-    if config.arm.command_interface == "position":
+    if (interface := config.arm.command_interface) != "effort":
         # Zero effort, with which every pulse ends, would be a posture.
-        return "the drives take positions (arm.command_interface), and pulses are efforts"
+        return f"the arm takes {'positions' if interface == 'position' else 'trajectories'} (arm.command_interface), and pulses are efforts"
     if blocking:
         return f"this has to be mended first: {', '.join(blocking)}"
     if config.run.arm != "sim" and not agree(_announcement(config, bounds)):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tel_ros.core.arm_state import ArmState
@@ -40,10 +42,11 @@ class EpController:
         """Through which every effort goes."""
         position = arm.command_interface == "position"
         self._set_point = SetPointGuard(arm, control.state_timeout_s) if position else None
-        self.commands: SafetyLayer | SetPointGuard = self._set_point or self.safety
+        self.commands: Any = self._set_point or self.safety
         """Whose ``last_command`` the arm is to get."""
-        # A position drive cannot release an arm: it holds its last set point.
-        self._releases = safety.final_effort == "zero" and not position
+        self._own_springs = arm.command_interface == "effort"
+        # Who has the springs holds the arm, too: a drive its last set point, a controller its last posture.
+        self._releases = safety.final_effort == "zero" and self._own_springs
         self._control = control
         self._rest = RestDetector.of(control)
         self._enter(IDLE, 0)
@@ -106,7 +109,7 @@ class EpController:
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         springs = goal.springs or self._configured
         springs.require_within(self._control.max_stiffness_factor, self._configured)
-        if self._set_point is not None and not springs.equal(self._configured):
+        if not (self._own_springs or springs.equal(self._configured)):
             raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
         self.safety.response.forgive()
         self.course, self.report = TrialCourse(goal), None
@@ -301,11 +304,15 @@ class EpController:
         if self.phase is APPROACH and in_phase_ns >= trial.approach.duration_ns:
             self._enter(SETTLE, state.time_ns)
         elif self.phase is SETTLE:
-            if self._rest.still:
-                self._enter(RUN, state.time_ns)
-                trial.run_ns = state.time_ns
-            elif self._rest.is_over(state.time_ns):
+            if begun_ns := self._run_begins_ns(state):
+                self._enter(RUN, begun_ns)
+                trial.run_ns = begun_ns
+            elif self._rest.is_over(state.time_ns) and not self._rest.still:
                 self._stop(self._restless("at the start posture"))
+
+    def _run_begins_ns(self, state: ArmState) -> int:
+        """Return when RUN has begun; 0: not yet."""
+        return state.time_ns if self._rest.still else 0
 
     def _target(self, trial: TrialCourse, state: ArmState) -> Target:
         if self.phase is STOP:

@@ -1,12 +1,4 @@
-"""A practised movement for ros2_control's joint_trajectory_controller: a folder that needs no tel_ros.
-
-With an effort command interface that controller commands ff_velocity_scale ẏ + τ + p (y - q) + d (ẏ - q̇),
-where τ is the effort of the trajectory one period h later. With p = K, d = B and ff_velocity_scale = 0 this
-is K (û - q) - B q̇, the law of practice, if τ = K (û - y) - B ẏ: what springs exert in the desired state.
-
-In practice that was held for a period T of its own, and acted T / 2 later in the mean, which the network has
-learned to make up for. The controller's acts h / 2 before its time. So efforts come (T + h) / 2 later here.
-"""
+"""A practised movement for ros2_control's joint_trajectory_controller: a folder that needs no tel_ros."""
 
 from __future__ import annotations
 
@@ -20,10 +12,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from tel_ros.core.control.trajectory_points import TrajectoryPoints
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import TrialReport
-from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.recording import topics
 from tel_ros.recording.bag_format import offered_qos, to_cdr
 from tel_ros.recording.bag_writer import BagWriter
@@ -43,7 +36,7 @@ _LONGEST_ARGUMENT = 131_000
 
 @dataclass(frozen=True)
 class Deployment:
-    """A movement as it was practised. Arrays of shape (n, n_joints), or (n_joints,) for the arm."""
+    """A movement as it was practised. ``effort_limit_nm``: shape (n_joints,)."""
 
     joints: tuple[str, ...]
     rate_hz: float
@@ -52,20 +45,17 @@ class Deployment:
     tolerance_rad: float
     path_tolerance_rad: float
     effort_limit_nm: FloatArray
-    time_ns: IntArray
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
-    acceleration_rad_s2: FloatArray
-    effort_nm: FloatArray
+    points: TrajectoryPoints
 
     def message(self) -> dict[str, Any]:
         """Return the trajectory_msgs/JointTrajectory, as plain values."""
-        arrays = self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2, self.effort_nm
+        each = self.points
+        arrays = each.position_rad, each.velocity_rad_s, each.acceleration_rad_s2, each.effort_nm
         keys = "positions", "velocities", "accelerations", "effort"
         points = []
         # Seven digits are finer than any encoder, and short enough for a command line.
-        digits = [[[float(f"{v:.7g}") for v in row] for row in each.tolist()] for each in arrays]
-        for time_ns, *rows in zip(self.time_ns.tolist(), *digits, strict=True):
+        digits = [[[float(f"{v:.7g}") for v in row] for row in array.tolist()] for array in arrays]
+        for time_ns, *rows in zip(each.time_ns.tolist(), *digits, strict=True):
             sec, nanosec = divmod(time_ns, NS_PER_S)
             values = dict(zip(keys, rows, strict=True))
             points.append({**values, "time_from_start": {"sec": sec, "nanosec": nanosec}})
@@ -124,16 +114,15 @@ def practised(run: Path, rate_hz: float, trial: int | None = None, path: str = "
     position, velocity = column("position_rad"), column("velocity_rad_s")
     limit_nm = np.array(config.arm.effort_limit_nm)
     goal_ns = np.array(goal.time_ns, dtype=np.int64)
-    # One point more: the last is held, and efforts end later than positions.
-    period_ns, practised_ns = round(NS_PER_S / rate_hz), round(NS_PER_S / config.control.rate_hz)
-    time_ns = np.append(goal_ns, goal_ns[-1] + period_ns + practised_ns)
-
-    exerted_nm = springs.effort(column("equilibrium_rad"), position, velocity).clip(-limit_nm, limit_nm)
-    at_ns = time_ns - 0.5 * (period_ns + practised_ns)
-    effort = np.column_stack([np.interp(at_ns, goal_ns, each) for each in exerted_nm.T])
-    desired = [np.vstack([each, each[-1:]]) for each in (position, velocity, column("acceleration_rad_s2"))]
-    desired[2][-1] = 0.0
-    kept = thinned(time_ns, effort / springs.stiffness_nm_per_rad, LOST_SHARE * tolerance_rad)
+    points = TrajectoryPoints.of(
+        springs,
+        goal_ns,
+        (position, velocity, column("acceleration_rad_s2")),
+        column("equilibrium_rad"),
+        limit_nm=limit_nm,
+        periods_s=(1.0 / config.control.rate_hz, 1.0 / rate_hz),
+        lost_rad=LOST_SHARE * tolerance_rad,
+    )
     return Deployment(
         config.arm.joints,
         rate_hz,
@@ -142,23 +131,8 @@ def practised(run: Path, rate_hz: float, trial: int | None = None, path: str = "
         tolerance_rad,
         config.control.path_tolerance_rad,
         limit_nm,
-        time_ns[kept],
-        *(values[kept] for values in (*desired, effort)),
+        points,
     )
-
-
-def thinned(time_ns: IntArray, values: FloatArray, lost: float) -> IntArray:
-    """Return the points to keep, evenly, so that straight lines between them lose no more than ``lost``.
-
-    Positions lose less: quintic splines go through them. Shapes (n,), (n, n_joints) and (n_kept,).
-    """
-    n = len(time_ns)
-    for every in range(50, 1, -1):
-        kept = np.unique(np.append(np.arange(0, n, every), n - 1))
-        lines = np.column_stack([np.interp(time_ns, time_ns[kept], column[kept]) for column in values.T])
-        if np.max(np.abs(lines - values)) <= lost:
-            return kept
-    return np.arange(n)
 
 
 def deploy_all(movements: Mapping[Path, Deployment], out: Path) -> None:
@@ -231,9 +205,9 @@ def _gains(movement: Deployment) -> dict[str, Any]:
 
 
 def _readme(movement: Deployment, size: int) -> str:
-    report, n = movement.report, len(movement.time_ns)
+    report, n = movement.report, len(movement.points.time_ns)
     start = ", ".join(
-        f"{joint} {q:.4f}" for joint, q in zip(movement.joints, movement.position_rad[0], strict=True)
+        f"{joint} {q:.4f}" for joint, q in zip(movement.joints, movement.points.position_rad[0], strict=True)
     )
     rows = zip(
         movement.joints,

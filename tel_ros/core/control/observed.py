@@ -1,0 +1,136 @@
+"""The course of a trial whose springs are in another controller."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from tel_ros.core.arm_state import ArmState
+from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
+from tel_ros.core.control.controller import EpController
+from tel_ros.core.control.tracking import Target, TrialCourse
+from tel_ros.core.control.trajectory_points import TrajectoryPoints
+from tel_ros.core.safety.rules import Permitted
+from tel_ros.core.trial import Phase
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+
+
+class ObservedController(EpController):
+    """Answers states like an :class:`EpController`, with what a ``joint_trajectory_controller`` is doing.
+
+    That one is sent the way to the start posture (:meth:`approach_points`), and, once the arm has settled
+    (:attr:`settled`), the movement (:meth:`movement_points`), which begins at :attr:`run_from_ns`. It knows no
+    safety layer: efforts are within their limits, and whatever else the layer would have changed acts. What
+    the monitors find ends a trial as anywhere, and so does a stop; then the controller holds the posture that
+    it is in, with its springs alone.
+    """
+
+    LOST_RAD = 2e-5
+    """How far û may be from the network's where efforts are interpolated between points."""
+    REMEMBERED = 2_000
+    """States whose efforts :meth:`effort_at` knows."""
+
+    def __init__(self, arm: ArmConfig, control: ControlConfig, safety: SafetyConfig | None = None) -> None:
+        super().__init__(arm, control, safety)
+        self.commands = self
+        self._limit_nm = np.array(arm.effort_limit_nm)
+        period_s = 1.0 / control.rate_hz
+        self._periods_s = period_s, 1.0 / arm.controller_rate_hz if arm.controller_rate_hz else period_s
+        self._held_rad: FloatArray | None = None
+        self._exerted: deque[tuple[int, FloatArray]] = deque(maxlen=self.REMEMBERED)
+        self.run_from_ns = 0
+        """When the movement begins; 0: that is not known yet."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the arm rests at the start posture, and the movement may be sent."""
+        return self.phase is Phase.SETTLE and self._rest.still and not self.run_from_ns
+
+    def effort_at(self, time_ns: int) -> FloatArray | None:
+        """Return what should have acted from this time on, shape (n_joints,); None: it is not known."""
+        for stamp_ns, effort_nm in reversed(self._exerted):
+            if stamp_ns <= time_ns:
+                return effort_nm if time_ns - stamp_ns < self._periods_s[0] * NS_PER_S else None
+        return None
+
+    def approach_points(self) -> TrajectoryPoints:
+        """Return the way to the start posture, from the state in which the trial was taken up."""
+        trial, period_s = self.course, self._periods_s[0]
+        n = int(np.ceil(trial.approach.duration_ns / NS_PER_S / period_s)) + 1
+        time_ns = np.rint(np.arange(n) * period_s * NS_PER_S).astype(np.int64)
+        equilibrium = np.array([trial.approach.at(min(t, trial.approach.duration_ns)) for t in time_ns])
+        first = trial.points.first
+        wanted = equilibrium - first.equilibrium + first.position
+        velocity = np.gradient(wanted, time_ns / NS_PER_S, axis=0)
+        velocity[[0, -1]] = 0.0
+        acceleration = np.gradient(velocity, time_ns / NS_PER_S, axis=0)
+        return self._points(time_ns, (wanted, velocity, acceleration), equilibrium)
+
+    def movement_points(self) -> TrajectoryPoints:
+        """Return the movement, from its start."""
+        goal, desired = self.course.goal, self.course.goal.desired
+        states = desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2
+        return self._points(desired.time_ns, states, goal.equilibrium_rad)
+
+    def _points(
+        self,
+        time_ns: IntArray,
+        states: tuple[FloatArray, FloatArray, FloatArray],
+        equilibrium_rad: FloatArray,
+    ) -> TrajectoryPoints:
+        return TrajectoryPoints.of(
+            self._springs,
+            time_ns,
+            states,
+            equilibrium_rad,
+            limit_nm=self._limit_nm,
+            periods_s=self._periods_s,
+            lost_rad=self.LOST_RAD,
+        )
+
+    def _begin(self, trial: TrialCourse, state: ArmState) -> bool:
+        self.run_from_ns = 0
+        return super()._begin(trial, state)
+
+    def _run_begins_ns(self, state: ArmState) -> int:
+        if self.settled and (sag := self._sag()):
+            self._stop(sag)
+        return self.run_from_ns if 0 < self.run_from_ns <= state.time_ns else 0
+
+    def _sag(self) -> str:
+        """Say which joint would sag too far if the controller had to hold without what was learned."""
+        stiffness = self._springs.stiffness_nm_per_rad
+        load_nm = self._hold.load.effort_nm
+        here = np.zeros_like(stiffness) if load_nm is None else np.abs(load_nm / stiffness)
+        last = self.course.points.last
+        sag_rad = np.maximum(here, np.abs(last.equilibrium - last.position))
+        j, most_rad = int(np.argmax(sag_rad)), self.limits.path_tolerance_rad
+        if sag_rad[j] <= most_rad:
+            return ""
+        return (
+            f"{self.limits.joints[j]} bears {sag_rad[j] * stiffness[j]:.3g} N·m: on an abort the controller holds "
+            f"without what was learned, and it would sag by {sag_rad[j]:.3f} rad (path tolerance {most_rad:g} "
+            f"rad). It needs at least {sag_rad[j] * stiffness[j] / most_rad:.3g} N·m/rad instead of "
+            f"{stiffness[j]:g}, or an arm that compensates its own weight"
+        )
+
+    def _target(self, trial: TrialCourse, state: ArmState) -> Target:
+        if self.phase is not Phase.STOP or self._releasing:
+            return super()._target(trial, state)
+        if self._held_rad is None:
+            self._held_rad = state.position_rad
+        return Target.at_rest(self._held_rad)
+
+    def _begin_stop(self, time_ns: int) -> None:
+        self._held_rad = None
+        super()._begin_stop(time_ns)
+
+    def _effort(self, state: ArmState, target: Target) -> Permitted:
+        super()._effort(state, target)
+        if self.distrusts or self._releasing:
+            return self.safety.none()
+        wanted = self._springs.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
+        self.safety.last_nm = self._exerted_nm = self.safety.limit.nearest(wanted)
+        self._exerted.append((state.time_ns, self._exerted_nm))
+        return Permitted(self._exerted_nm, self._exerted_nm != wanted)

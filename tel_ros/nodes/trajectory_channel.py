@@ -1,0 +1,276 @@
+"""Trials as goals of a stock joint_trajectory_controller."""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import partial
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tel_ros.core.config import Config
+from tel_ros.core.control.observed import ObservedController
+from tel_ros.core.control.trajectory_points import TrajectoryPoints
+from tel_ros.core.trial import Phase
+from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.nodes import qos
+from tel_ros.nodes.conversions import time_ns, to_time
+from tel_ros.nodes.hot_loop import busy_subscription
+from tel_ros.recording import topics
+
+PASSED_EVERY = 8
+"""How many states a simulation that waits is told of at once."""
+LEAD_S = 0.1
+ANSWER_TIMEOUT_S = 1.0
+COMPARED_EVERY_S, OTHER_SHARE, OTHER_TIMES = 0.05, 0.2, 5
+"""How often efforts are compared; which share of the limit they may differ by, but for so many times in a row."""
+SILENCE_S = 0.5
+_ERASED = -1.0
+
+
+class TrajectoryChannel:
+    """Sends the trials of an :class:`ObservedController` to the arm's controller, and watches what it does.
+
+    It stands where a :class:`~tel_ros.nodes.command_channel.CommandChannel` stands: asked to ``send`` with every
+    state, it sends a goal when a phase begins that needs one, and cancels it when the trial is being stopped.
+    While an answer is under way, a simulation that waits gets no further.
+    """
+
+    def __init__(self, node: Node, config: Config) -> None:
+        arm, name = config.arm, config.arm.trajectory_controller
+        self._node, self._arm, self._name = node, arm, name
+        self._tolerance_rad = config.control.path_tolerance_rad
+        self._client = ActionClient(node, FollowJointTrajectory, f"{name}/{topics.FOLLOW_JOINT_TRAJECTORY}")
+        self.topic = node.resolve_topic_name(f"{name}/{topics.FOLLOW_JOINT_TRAJECTORY}")
+        self._parameters = node.create_client(GetParameters, f"{name}/get_parameters")
+        state_topic = f"{name}/{topics.CONTROLLER_STATE}"
+        self.states = busy_subscription(node, JointTrajectoryControllerState, state_topic, self._on_state)
+        """Where the controller says what it does."""
+        waits = config.arm_waits_for_commands
+        self._passed = node.create_publisher(Time, topics.private(topics.PASSED), qos.EVENTS) if waits else None
+        self._lead_ns = round(qos.STATES_AHEAD + 1 if waits else LEAD_S * config.control.rate_hz) * round(
+            NS_PER_S / config.control.rate_hz
+        )
+        self._controller: ObservedController | None = None
+        self._course: object = None
+        self._serial = self._sends = 0
+        self._handle: ClientGoalHandle | None = None
+        self._asked_at = math.inf  # answers that are awaited; inf: none is
+        self._stopping = False
+        self._stamp_ns = self._told_ns = self._compared_ns = 0
+        self._state: bytes | None = None
+        self._others = 0
+        self._gains_asked_at = -math.inf
+        self._gains: str | None = None
+        """What is wrong with them; empty: nothing, or nobody knows; None: the controller has not answered."""
+
+    def open(self, controller: ObservedController) -> None:
+        """Send the trials of this controller from now on."""
+        self._controller, self._course = controller, None
+
+    def shut(self) -> None:
+        """Send nothing any more; what is under way is cancelled."""
+        self._cancel()
+        self._controller = None
+
+    def destroy(self) -> None:
+        """Send nothing any more; its endpoints go with the node."""
+        self.shut()
+
+    @property
+    def listeners(self) -> int:
+        """Whether the controller is there."""
+        return int(self._client.server_is_ready())
+
+    @property
+    def problem(self) -> str:
+        """Why no trial can be sent, although the controller is there; empty: one can."""
+        if not self.listeners:
+            return ""
+        if self._gains != "" and time.monotonic() - self._gains_asked_at > ANSWER_TIMEOUT_S:
+            if self._gains is None and self._gains_asked_at > 0.0:
+                self._gains = ""
+                self._node.get_logger().warning(
+                    f"{self._name} does not tell its parameters: whether its gains are K and B is not known"
+                )
+                return ""
+            self._gains_asked_at = time.monotonic()
+            request = GetParameters.Request(names=list(self._expected()))
+            self._parameters.call_async(request).add_done_callback(self._compare_gains)
+        return f"{self._name} has not told its gains yet" if self._gains is None else self._gains
+
+    def send(self, stamp_ns: int) -> None:
+        """Follow the controller to the state with this stamp."""
+        self._stamp_ns = stamp_ns
+        self.follow()
+        self._sends += 1
+        if self._sends % PASSED_EVERY == 0:
+            self.repeat()
+
+    def repeat(self) -> None:
+        """Let a simulation that waits go on, unless an answer is awaited."""
+        if self._passed is not None and self._asked_at == math.inf:
+            self._passed.publish(to_time(self._stamp_ns))
+
+    def follow(self) -> None:
+        """Send, cancel, or find out what is wrong, as the controller's phase demands."""
+        controller = self._controller
+        if controller is None:
+            return
+        if time.monotonic() - self._asked_at > ANSWER_TIMEOUT_S:
+            self._asked_at = math.inf
+            controller.abort(f"{self._name} has not answered for {ANSWER_TIMEOUT_S:g} s")
+        phase = controller.phase
+        if phase is Phase.STOP:
+            self._cancel()
+        elif controller.active and controller.course is not self._course and controller.course.ticks:
+            self._course, self._stopping, self._others = controller.course, False, 0
+            self._told_ns = self._stamp_ns
+            self._send(controller.approach_points(), controller.course.start_ns, _ERASED)
+        elif controller.settled and self._asked_at == math.inf:
+            controller.run_from_ns = self._stamp_ns + self._lead_ns
+            self._send(controller.movement_points(), controller.run_from_ns, self._tolerance_rad)
+        elif controller.active:
+            self._look(controller)
+
+    def _send(self, points: TrajectoryPoints, start_ns: int, tolerance_rad: float) -> None:
+        self._serial += 1
+        goal = FollowJointTrajectory.Goal(trajectory=to_joint_trajectory(self._arm.joints, points, start_ns))
+        for joint in self._arm.joints:
+            tolerance = JointTolerance(name=joint, position=tolerance_rad, velocity=_ERASED)
+            goal.path_tolerance.append(tolerance)
+            goal.goal_tolerance.append(tolerance)
+        self._asked_at = time.monotonic()
+        self._client.send_goal_async(goal).add_done_callback(partial(self._accepted, self._serial))
+
+    def _accepted(self, serial: int, future: Future) -> None:
+        handle = future.result()
+        self._asked_at = math.inf
+        if not handle.accepted:
+            if self._controller is not None:
+                self._controller.abort(f"{self._name} has rejected the goal; its log says why")
+            return
+        if serial == self._serial:
+            self._handle = handle
+        handle.get_result_async().add_done_callback(partial(self._ended, serial))
+        if self._stopping or self._controller is None:
+            self._stopping = False
+            self._cancel()
+        self.repeat()
+
+    def _ended(self, serial: int, future: Future) -> None:
+        result, controller = future.result().result, self._controller
+        if serial == self._serial:
+            self._handle = None
+        if controller is not None and controller.phase is not Phase.STOP and result.error_code:
+            controller.abort(f"{self._name}: {result.error_string} (error {result.error_code})")
+
+    def _cancel(self) -> None:
+        """Cancel the goal that is under way, or will be once it is accepted."""
+        if self._stopping:
+            return
+        self._stopping = True
+        if self._handle is not None:
+            self._asked_at, handle, self._handle = time.monotonic(), self._handle, None
+            handle.cancel_goal_async().add_done_callback(self._cancelled)
+
+    def _cancelled(self, future: Future) -> None:
+        self._asked_at = math.inf
+        self.repeat()
+
+    # What the controller does.
+
+    def _on_state(self, raw: bytes) -> None:
+        self._state = raw
+
+    def _look(self, controller: ObservedController) -> None:
+        """Compare what is commanded with what should be, a few times a second."""
+        if self._stamp_ns - self._compared_ns < COMPARED_EVERY_S * NS_PER_S and self._stamp_ns > self._compared_ns:
+            return
+        self._compared_ns = self._stamp_ns
+        raw, self._state = self._state, None
+        if raw is None:
+            silent_s = (self._stamp_ns - self._told_ns) / NS_PER_S
+            if silent_s > SILENCE_S:
+                controller.abort(f"{self._name} has said nothing on its {topics.CONTROLLER_STATE} for {silent_s:.2f} s")
+            return
+        said = deserialize_message(raw, JointTrajectoryControllerState)
+        self._told_ns = self._stamp_ns
+        found = self._differs(said, controller)
+        if found is not None:
+            self._others = self._others + 1 if found else 0
+        if self._others >= OTHER_TIMES:
+            controller.abort(found or "")
+
+    def _differs(self, said: Any, controller: ObservedController) -> str | None:
+        """Say how its command differs from ours; empty: it does not; None: ours is not known."""
+        if set(said.joint_names) != set(self._arm.joints) or len(said.output.effort) != len(said.joint_names):
+            return f"{self._name} commands no efforts of {', '.join(self._arm.joints)}"
+        order = [list(said.joint_names).index(joint) for joint in self._arm.joints]
+        commanded = np.array(said.output.effort)[order]
+        expected = controller.effort_at(time_ns(said.header.stamp))
+        if expected is None:
+            return None
+        limit = np.array(self._arm.effort_limit_nm)
+        off = np.abs(commanded.clip(-limit, limit) - expected)
+        j = int(np.argmax(off / limit))
+        if off[j] <= OTHER_SHARE * limit[j]:
+            return ""
+        return (
+            f"{self._name} commands {commanded[j]:.2f} N·m at {self._arm.joints[j]}, and K and B make "
+            f"{expected[j]:.2f}: its gains or its trajectory are not those of this run"
+        )
+
+    def _expected(self) -> dict[str, object]:
+        """Return the parameters that make the controller's law that of practice."""
+        arm = self._arm
+        values: dict[str, object] = {"command_interfaces": ["effort"]}
+        rows = zip(arm.joints, arm.stiffness_nm_per_rad, arm.damping_nms_per_rad, strict=True)
+        for joint, stiffness, damping in rows:
+            gains = {"p": stiffness, "i": 0.0, "d": damping, "ff_velocity_scale": 0.0}
+            values |= {f"gains.{joint}.{name}": value for name, value in gains.items()}
+        return values
+
+    def _compare_gains(self, future: Future) -> None:
+        found = [parameter_value_to_python(value) for value in future.result().values]
+        self._gains = ""
+        for (name, wanted), value in zip(self._expected().items(), found, strict=False):
+            equal = value == wanted if isinstance(wanted, list) else _close(value, wanted)
+            if not equal:
+                self._gains = f"{self._name}: {name} is {value}; expected {wanted}, as the arm is configured"
+                return
+
+
+def _close(value: object, wanted: object) -> bool:
+    return isinstance(value, float) and isinstance(wanted, float) and math.isclose(value, wanted, rel_tol=1e-6)
+
+
+def to_joint_trajectory(joints: tuple[str, ...], points: TrajectoryPoints, start_ns: int) -> JointTrajectory:
+    """Return a message; ``start_ns``: when it begins."""
+    trajectory = JointTrajectory(joint_names=list(joints))
+    trajectory.header.stamp = to_time(start_ns)
+    arrays: list[FloatArray] = [
+        points.position_rad,
+        points.velocity_rad_s,
+        points.acceleration_rad_s2,
+        points.effort_nm,
+    ]
+    for at_ns, *rows in zip(points.time_ns.tolist(), *(array.tolist() for array in arrays), strict=True):
+        point = JointTrajectoryPoint()
+        point.positions, point.velocities, point.accelerations, point.effort = rows
+        seconds, nanoseconds = divmod(at_ns, NS_PER_S)
+        point.time_from_start = Duration(sec=seconds, nanosec=nanoseconds)
+        trajectory.points.append(point)
+    return trajectory
