@@ -41,6 +41,8 @@ REPEAT_PERIOD_S = 0.05
 LOCKSTEP_TURN_PERIOD_S = 0.2
 WAIT_S, IDLE_S = 0.002, 0.02
 """How long a goal, and how long anything else, may wait while no period may pass."""
+TOLD_EVERY = 10
+"""Of so many states a client that keeps up with them is told what the controller makes of one."""
 REST_SPEED_RAD_S = 0.05
 STOP_SILENCE_S = 0.3
 LONGEST_STALL_S = 2.0
@@ -293,7 +295,8 @@ class SimBridgeNode(Node):
 
     def _follow(self, controller: TrajectoryServer) -> None:
         """Let a period pass, and tell each state: none is too late for a command."""
-        self._arm.step(controller.answer(self._arm.reading(), self._stamp_ns))
+        told_every = TOLD_EVERY if self._has_client else 1
+        self._arm.step(controller.answer(self._arm.reading(), self._stamp_ns, told_every))
         self._publish()
 
     def _go_ahead(self, controller: TrajectoryServer) -> None:

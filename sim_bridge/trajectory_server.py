@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 
 import numpy as np
@@ -19,7 +20,6 @@ from sim_bridge.splines import FIELDS, Points, points_of
 from sim_bridge.trajectory_control import CANCELLED, Code, End, Gains, Tolerances, TrajectoryController
 from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError
-from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes import qos
 from tel_ros.nodes.conversions import to_array, to_duration, to_time
 from tel_ros.recording import topics
@@ -56,7 +56,8 @@ class TrajectoryServer(Node):
             arm.joints, rate_hz, self._gains(), starts_from_command=starts_from_command
         )
         self._handle: ServerGoalHandle | None = None
-        self._feedback_due_ns = 0
+        self._feedback_due_s = 0.0
+        self._untold = 0
         self._states = self.create_publisher(
             JointTrajectoryControllerState, f"~/{topics.CONTROLLER_STATE}", qos.STREAM
         )
@@ -64,7 +65,7 @@ class TrajectoryServer(Node):
         self.create_subscription(
             JointTrajectory, f"~/{topics.JOINT_TRAJECTORY_COMMANDS}", self._on_trajectory, qos.EVENTS
         )
-        self._answer(reading, now_ns)
+        self._update(reading, now_ns)
         self._server = ActionServer(
             self,
             FollowJointTrajectory,
@@ -86,25 +87,36 @@ class TrajectoryServer(Node):
         """Whether there is a trajectory to follow."""
         return self._law.moves
 
-    def answer(self, reading: ArmReading, now_ns: int) -> list[float]:
-        """Return the effort of each joint in N·m until the next state, and tell what it was made of.
+    def answer(self, reading: ArmReading, now_ns: int, told_every: int = 1) -> list[float]:
+        """Return the effort of each joint in N·m until the next state.
 
-        ``now_ns``: the stamp of the state.
+        ``now_ns``: the stamp of the state. ``told_every``: of so many states the controller state is told.
         """
-        ended = self._answer(reading, now_ns)
-        if self._handle is not None and now_ns >= self._feedback_due_ns:
+        ended = self._update(reading, now_ns)
+        self._untold += 1
+        if self._untold >= told_every:
+            self._untold = 0
+            self._tell(now_ns)
+        # By the clock on the wall, as the real one does.
+        if self._handle is not None and time.monotonic() >= self._feedback_due_s:
+            self._feedback_due_s = time.monotonic() + 1.0 / self.get_parameter(_RATE).value
             self._handle.publish_feedback(self._feedback(now_ns))
         if ended is not None:
             self._finish(ended)
         return self._law.effort_nm.tolist()
 
-    def _answer(self, reading: ArmReading, now_ns: int) -> End | None:
+    def _update(self, reading: ArmReading, now_ns: int) -> End | None:
+        return self._law.update(now_ns, reading.position_rad, reading.velocity_rad_s)
+
+    def _tell(self, now_ns: int) -> None:
         law = self._law
-        ended = law.update(now_ns, reading.position_rad, reading.velocity_rad_s)
-        since_ns = now_ns - law.start_ns
-        rows = (*law.desired[:3], *law.measured, *law.error, law.effort_nm)
-        self._states.publish(self._layout.packed(now_ns, since_ns, *(row.tolist() for row in rows)))
-        return ended
+        rows = (
+            *law.desired[:3].tolist(),
+            *law.measured.tolist(),
+            *law.error.tolist(),
+            law.effort_nm.tolist(),
+        )
+        self._states.publish(self._layout.packed(now_ns, now_ns - law.start_ns, *rows))
 
     # Goals.
 
@@ -127,7 +139,7 @@ class TrajectoryServer(Node):
             self.get_logger().error(remark)
         if preempted := self._law.follow(self._points(goal.trajectory), tolerances):
             self._finish(preempted)
-        self._handle = handle
+        self._handle, self._feedback_due_s = handle, 0.0
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._handle is not None and handle.goal_id == self._handle.goal_id:
@@ -153,7 +165,6 @@ class TrajectoryServer(Node):
 
     def _feedback(self, now_ns: int) -> FollowJointTrajectory.Feedback:
         law = self._law
-        self._feedback_due_ns = now_ns + round(NS_PER_S / self.get_parameter(_RATE).value)
         feedback = FollowJointTrajectory.Feedback(joint_names=list(self._arm.joints))
         feedback.header.stamp = to_time(now_ns)
         since = to_duration(now_ns - law.start_ns)

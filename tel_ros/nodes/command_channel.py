@@ -11,6 +11,12 @@ from tel_ros.nodes import qos
 from tel_ros.recording import topics
 from tel_ros.recording.cdr import packed_command
 
+LEFT = {
+    "effort": "zero effort",
+    "position": "the drive holds its last set point",
+    "trajectory": "the trajectory controller is told to hold where the arm is",
+}
+"""What becomes of an arm whose states are lost."""
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
@@ -23,6 +29,9 @@ class CommandChannel:
     ``author`` is put on the commands instead of the stamp that they answer; they then count as the answer to
     the newest state. Empty: the stamp.
     """
+
+    problem = ""
+    """Why nothing can be sent although somebody listens: there is no such reason."""
 
     def __init__(self, node: Node, interface: str, author: str = "") -> None:
         self._node, self._interface, self._author = node, interface, author

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -12,16 +11,15 @@ from std_msgs.msg import Bool
 from tel_interfaces.msg import ControlState
 
 from tel_ros.core.arm_state import ArmState
-from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.loop_timing import LoopTimer
-from tel_ros.core.control.observed import ObservedController
+from tel_ros.core.control.observed import controller_of
 from tel_ros.core.errors import StateError
 from tel_ros.core.safety.gate import StateGate
 from tel_ros.core.trial import Outcome
 from tel_ros.local_stop import ENDED
 from tel_ros.nodes import qos
 from tel_ros.nodes.clock import STEADY, longest_silence_s
-from tel_ros.nodes.command_channel import CommandChannel, CompetingPublishers
+from tel_ros.nodes.command_channel import LEFT, CommandChannel, CompetingPublishers
 from tel_ros.nodes.controller_services import SafetyServices, SeenArm, TrialServer, replay_control
 from tel_ros.nodes.conversions import idle_state, joint_state_reader
 from tel_ros.nodes.diagnostics import Diagnostics, Health, Level, RateMeter
@@ -34,12 +32,6 @@ from tel_ros.recording import topics
 from tel_ros.recording.cdr import ControlStateLayout
 
 COMPLAINT_PERIOD_S = 1.0
-LEFT = {
-    "effort": "zero effort",
-    "position": "the drive holds its last set point",
-    "trajectory": "the trajectory controller is told to hold where the arm is",
-}
-"""What becomes of an arm whose states are lost."""
 TIMED_S = 60.0
 """Trials up to this long are timed without asking for memory on the way."""
 
@@ -57,16 +49,20 @@ class EpControllerNode(ManagedNode):
         config = load_parameters(self, "arm", "control", "run", "safety", "sim")
         arm, control, waits = config.arm, config.control, config.arm_waits_for_commands
         self._joints = arm.joints
-        follows = arm.command_interface == "trajectory"
-        kind = ObservedController if follows else EpController
-        self._make_controller = partial(kind, arm, control, config.safety)
+        self._make_controller = partial(controller_of, arm, control, config.safety)
         self._controller = self._make_controller()
         run = declare_resume(self)
-        # A real arm may have been moved meanwhile: what was held then is nothing to go on from.
-        if run is not None and waits and not follows and not replay_control(self._controller, run, self._joints):
+        # A real arm may have been moved meanwhile, and what another controller was told is not recorded.
+        follows = arm.command_interface == "trajectory"
+        if (
+            run is not None
+            and waits
+            and not follows
+            and not replay_control(self._controller, run, self._joints)
+        ):
             self.get_logger().warning("not all decisions are recorded: the arm is picked up where it is")
             self._controller = self._make_controller()
-        self._interface, self._follows = arm.command_interface, follows
+        self._interface = arm.command_interface
         self._holds_at_the_end = self._interface != "effort" or config.safety.final_effort == "hold"
         self._answers_between_trials = not waits
         timeout_s = config.sim.lockstep_timeout_s if waits else control.state_timeout_s
@@ -78,6 +74,7 @@ class EpControllerNode(ManagedNode):
         self._gate = StateGate(arm, control, config.safety.clock_drift if wall_clock else None)
         self._estimated: tuple[str, ...] = ()
         self._channel: Any = None  # from configure to cleanup
+        self._trajectories: Any = None  # to a controller that follows them
         self._acts = self._ending = False
         self._seen_at_end = "the controller has not moved the arm"
         self._control_state = ControlStateLayout(len(self._joints))
@@ -92,14 +89,12 @@ class EpControllerNode(ManagedNode):
         profile = qos.EVERYTHING if follows and waits else qos.NEWEST
         states = busy_subscription(self, JointState, topics.JOINT_STATES, self._on_joint_state, profile)
         self.busy_subscriptions, self._states_topic = [states], str(states.topic_name)
-        self._make_channel: Callable[[], Any] = partial(CommandChannel, self, self._interface)
         if follows:
             # Late: most arms need no control_msgs.
-            from tel_ros.nodes.trajectory_channel import TrajectoryChannel
+            from tel_ros.nodes.trajectory.channel import TrajectoryChannel
 
-            channel = TrajectoryChannel(self, config)
-            self.busy_subscriptions.append(channel.states)
-            self._make_channel = lambda: channel
+            self._trajectories = TrajectoryChannel(self, config)
+            self.busy_subscriptions.append(self._trajectories.states)
         self.create_timer(0.02, self._watch, clock=STEADY)
         self._competing = CompetingPublishers(self, topics.commands(arm))
         self._ready = Bool()
@@ -118,7 +113,7 @@ class EpControllerNode(ManagedNode):
     def configure(self) -> None:
         """Make the publishers; the channel of the commands is shut."""
         # In this order: who hears the states of the controller then has the connection for its commands, too.
-        self._channel = self._make_channel()
+        self._channel = self._trajectories or CommandChannel(self, self._interface)
         self._state_pub = self.create_publisher(
             ControlState, topics.private(topics.CONTROL_STATES), qos.STREAM
         )
@@ -279,8 +274,6 @@ class EpControllerNode(ManagedNode):
     def _watch(self) -> None:
         """End what is under way when other nodes command the arm or publish its states, or states stop."""
         self._competing.look()
-        if self._acts and self._follows:
-            self._channel.follow()
         if self._competing.of_states and (self._commanding or self._controller.active):
             self._lose_states(self._competing.of_states)
         elif self._competing.of_commands:
@@ -293,8 +286,7 @@ class EpControllerNode(ManagedNode):
             self._lose_states(self._arm.silence())
 
     def _lose_states(self, message: str) -> None:
-        left = LEFT[self._interface]
-        self.get_logger().error(f"{message}: {left}")
+        self.get_logger().error(f"{message}: {LEFT[self._interface]}")
         self._controller.lose_states(message)
         self._publish_zero()
         self._tell_ready()  # before the trial's end is told: what asks for the next one waits for it
@@ -314,7 +306,7 @@ class EpControllerNode(ManagedNode):
             return f"no joint states on {self._states_topic}"
         unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
         others = self._competing.of_states or self._competing.of_commands
-        return others or unheard or (self._channel.problem if self._follows else "")
+        return others or unheard or self._channel.problem
 
     def _tell_ready(self) -> None:
         ready = not (self._obstacle() or self._controller.braking)

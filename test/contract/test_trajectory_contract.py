@@ -61,7 +61,7 @@ def test_a_goal_is_followed_along_the_spline_with_its_efforts(follower: Follower
 
 def test_feedback_tells_what_is_wanted_and_what_is(follower: FollowerUnderTest) -> None:
     follower.follow(follower.goal(follower.swing(1.0)))
-    assert len(follower.feedback) >= 3
+    assert follower.feedback
     for said in follower.feedback:
         assert set(said.joint_names) == set(follower.joints)
         wanted, measured, error = (np.array(p.positions) for p in (said.desired, said.actual, said.error))

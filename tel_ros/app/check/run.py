@@ -125,7 +125,10 @@ def _why_not_pulsed(
         return "--passive was given"
     if (interface := config.arm.command_interface) != "effort":
         # Zero effort, with which every pulse ends, would be a posture.
-        return f"the arm takes {'positions' if interface == 'position' else 'trajectories'} (arm.command_interface), and pulses are efforts"
+        takes = (
+            "the drives take positions" if interface == "position" else "the controller takes trajectories"
+        )
+        return f"{takes} (arm.command_interface), and pulses are efforts"
     if blocking:
         return f"this has to be mended first: {', '.join(blocking)}"
     if config.run.arm != "sim" and not agree(_announcement(config, bounds)):

@@ -20,10 +20,10 @@ class ObservedController(EpController):
     """Answers states like an :class:`EpController`, with what a ``joint_trajectory_controller`` is doing.
 
     That one is sent the way to the start posture (:meth:`approach_points`), and, once the arm has settled
-    (:attr:`settled`), the movement (:meth:`movement_points`), which begins at :attr:`run_from_ns`. It knows no
-    safety layer: efforts are within their limits, and whatever else the layer would have changed acts. What
-    the monitors find ends a trial as anywhere, and so does a stop; then the controller holds the posture that
-    it is in, with its springs alone.
+    (:attr:`settled`), the movement (:meth:`movement_points`), which begins at :attr:`run_from_ns`. It knows
+    no safety layer: efforts are within their limits, and whatever else the layer would have changed acts.
+    What the monitors find ends a trial as anywhere, and so does a stop; then the controller holds the posture
+    that it is in, with its springs alone.
     """
 
     LOST_RAD = 2e-5
@@ -109,10 +109,10 @@ class ObservedController(EpController):
         if sag_rad[j] <= most_rad:
             return ""
         return (
-            f"{self.limits.joints[j]} bears {sag_rad[j] * stiffness[j]:.3g} N·m: on an abort the controller holds "
-            f"without what was learned, and it would sag by {sag_rad[j]:.3f} rad (path tolerance {most_rad:g} "
-            f"rad). It needs at least {sag_rad[j] * stiffness[j] / most_rad:.3g} N·m/rad instead of "
-            f"{stiffness[j]:g}, or an arm that compensates its own weight"
+            f"{self.limits.joints[j]} bears {sag_rad[j] * stiffness[j]:.3g} N·m: on an abort the controller "
+            f"holds without what was learned, and it would sag by {sag_rad[j]:.3f} rad (path tolerance "
+            f"{most_rad:g} rad). It needs at least {sag_rad[j] * stiffness[j] / most_rad:.3g} N·m/rad "
+            f"instead of {stiffness[j]:g}, or an arm that compensates its own weight"
         )
 
     def _target(self, trial: TrialCourse, state: ArmState) -> Target:
@@ -134,3 +134,9 @@ class ObservedController(EpController):
         self.safety.last_nm = self._exerted_nm = self.safety.limit.nearest(wanted)
         self._exerted.append((state.time_ns, self._exerted_nm))
         return Permitted(self._exerted_nm, self._exerted_nm != wanted)
+
+
+def controller_of(arm: ArmConfig, control: ControlConfig, safety: SafetyConfig) -> EpController:
+    """Return the controller for an arm, as its command interface demands."""
+    kind = ObservedController if arm.command_interface == "trajectory" else EpController
+    return kind(arm, control, safety)

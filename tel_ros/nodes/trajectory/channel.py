@@ -26,16 +26,18 @@ from tel_ros.core.control.trajectory_points import TrajectoryPoints
 from tel_ros.core.trial import Phase
 from tel_ros.core.types import NS_PER_S, FloatArray
 from tel_ros.nodes import qos
+from tel_ros.nodes.clock import STEADY
 from tel_ros.nodes.conversions import time_ns, to_time
 from tel_ros.nodes.hot_loop import busy_subscription
 from tel_ros.recording import topics
 
 PASSED_EVERY = 8
 """How many states a simulation that waits is told of at once."""
+WATCH_PERIOD_S = 0.02
 LEAD_S = 0.1
 ANSWER_TIMEOUT_S = 1.0
 COMPARED_EVERY_S, OTHER_SHARE, OTHER_TIMES = 0.05, 0.2, 5
-"""How often efforts are compared; which share of the limit they may differ by, but for so many times in a row."""
+"""How often efforts are compared; by which share of the limit they may differ, but for so many times."""
 SILENCE_S = 0.5
 _ERASED = -1.0
 
@@ -43,9 +45,9 @@ _ERASED = -1.0
 class TrajectoryChannel:
     """Sends the trials of an :class:`ObservedController` to the arm's controller, and watches what it does.
 
-    It stands where a :class:`~tel_ros.nodes.command_channel.CommandChannel` stands: asked to ``send`` with every
-    state, it sends a goal when a phase begins that needs one, and cancels it when the trial is being stopped.
-    While an answer is under way, a simulation that waits gets no further.
+    It stands where a :class:`~tel_ros.nodes.command_channel.CommandChannel` stands: asked to ``send`` with
+    every state, it sends a goal when a phase begins that needs one, and cancels it when the trial is being
+    stopped. While an answer is under way, a simulation that waits gets no further.
     """
 
     def __init__(self, node: Node, config: Config) -> None:
@@ -59,10 +61,12 @@ class TrajectoryChannel:
         self.states = busy_subscription(node, JointTrajectoryControllerState, state_topic, self._on_state)
         """Where the controller says what it does."""
         waits = config.arm_waits_for_commands
-        self._passed = node.create_publisher(Time, topics.private(topics.PASSED), qos.EVENTS) if waits else None
-        self._lead_ns = round(qos.STATES_AHEAD + 1 if waits else LEAD_S * config.control.rate_hz) * round(
-            NS_PER_S / config.control.rate_hz
-        )
+        passed = topics.private(topics.PASSED)
+        self._passed = node.create_publisher(Time, passed, qos.EVENTS) if waits else None
+        period_s = 1.0 / (arm.controller_rate_hz or config.control.rate_hz)
+        lead_s = (qos.STATES_AHEAD + 1) * period_s if waits else LEAD_S
+        self._lead_ns = round(lead_s / period_s) * round(period_s * NS_PER_S)
+        node.create_timer(WATCH_PERIOD_S, self.follow, clock=STEADY)
         self._controller: ObservedController | None = None
         self._course: object = None
         self._serial = self._sends = 0
@@ -171,9 +175,9 @@ class TrajectoryChannel:
         self.repeat()
 
     def _ended(self, serial: int, future: Future) -> None:
-        result, controller = future.result().result, self._controller
-        if serial == self._serial:
-            self._handle = None
+        if serial != self._serial:
+            return  # another one has taken its place
+        result, controller, self._handle = future.result().result, self._controller, None
         if controller is not None and controller.phase is not Phase.STOP and result.error_code:
             controller.abort(f"{self._name}: {result.error_string} (error {result.error_code})")
 
@@ -197,14 +201,15 @@ class TrajectoryChannel:
 
     def _look(self, controller: ObservedController) -> None:
         """Compare what is commanded with what should be, a few times a second."""
-        if self._stamp_ns - self._compared_ns < COMPARED_EVERY_S * NS_PER_S and self._stamp_ns > self._compared_ns:
+        if 0 < self._stamp_ns - self._compared_ns < COMPARED_EVERY_S * NS_PER_S:
             return
         self._compared_ns = self._stamp_ns
         raw, self._state = self._state, None
         if raw is None:
             silent_s = (self._stamp_ns - self._told_ns) / NS_PER_S
             if silent_s > SILENCE_S:
-                controller.abort(f"{self._name} has said nothing on its {topics.CONTROLLER_STATE} for {silent_s:.2f} s")
+                what = f"{self._name} has said nothing on its {topics.CONTROLLER_STATE}"
+                controller.abort(f"{what} for {silent_s:.2f} s")
             return
         said = deserialize_message(raw, JointTrajectoryControllerState)
         self._told_ns = self._stamp_ns
@@ -254,7 +259,8 @@ class TrajectoryChannel:
 
 
 def _close(value: object, wanted: object) -> bool:
-    return isinstance(value, float) and isinstance(wanted, float) and math.isclose(value, wanted, rel_tol=1e-6)
+    both = isinstance(value, float) and isinstance(wanted, float)
+    return both and math.isclose(value, wanted, rel_tol=1e-6)  # type: ignore[arg-type]
 
 
 def to_joint_trajectory(joints: tuple[str, ...], points: TrajectoryPoints, start_ns: int) -> JointTrajectory:

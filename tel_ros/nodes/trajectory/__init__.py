@@ -1,0 +1,1 @@
+"""Trials for an arm behind a joint_trajectory_controller."""
