@@ -54,12 +54,8 @@ class EpControllerNode(ManagedNode):
         run = declare_resume(self)
         # A real arm may have been moved meanwhile, and what another controller was told is not recorded.
         follows = arm.command_interface == "trajectory"
-        if (
-            run is not None
-            and waits
-            and not follows
-            and not replay_control(self._controller, run, self._joints)
-        ):
+        replays = waits and not follows
+        if run is not None and replays and not replay_control(self._controller, run, self._joints):
             self.get_logger().warning("not all decisions are recorded: the arm is picked up where it is")
             self._controller = self._make_controller()
         self._interface = arm.command_interface
@@ -80,8 +76,7 @@ class EpControllerNode(ManagedNode):
         self._control_state = ControlStateLayout(len(self._joints))
         # Where the arm waits for commands, how fast they come says nothing about the trial.
         self._timer = None if waits else LoopTimer(control.rate_hz, round(TIMED_S * control.rate_hz))
-        self._answered_ns = -1
-        self._commanding = False
+        self._answered_ns, self._commanding = -1, False
 
         # Also before it is active: listening does no harm, and tells whether there is an arm.
         self._states = RateMeter()
@@ -305,8 +300,7 @@ class EpControllerNode(ManagedNode):
         if not self._arm.is_fresh:
             return f"no joint states on {self._states_topic}"
         unheard = "" if self._channel.listeners else f"nobody listens to {self._channel.topic}"
-        others = self._competing.of_states or self._competing.of_commands
-        return others or unheard or self._channel.problem
+        return self._competing.of_states or self._competing.of_commands or unheard or self._channel.problem
 
     def _tell_ready(self) -> None:
         ready = not (self._obstacle() or self._controller.braking)
@@ -324,14 +318,13 @@ class EpControllerNode(ManagedNode):
         trial = self._controller.goal.index if self._controller.goal else 0
         phase, stopped, last = self._controller.phase.name, self._safety.reason, self._trials.last
         listeners = self._channel.listeners if self._channel else 0
-        commands_topic = self._competing.command_topic
         ended = f"trial {last.index}: {last.outcome.name}" if last else "none"
         ended += f": {last.message}" if last and last.message else ""
         found = (
             (stopped, Level.ERROR, f"{stopped}; {self._safety.reset_name} ends it"),
             (self.lifecycle_state != "active", Level.WARN, f"{self.lifecycle_state}: it commands nothing"),
             (not self._arm.is_fresh, Level.ERROR, f"no joint states on {self._states_topic}"),
-            (listeners == 0, Level.ERROR, f"nobody listens to {commands_topic}"),
+            (listeners == 0, Level.ERROR, f"nobody listens to {self._competing.command_topic}"),
             (trial, Level.OK, f"trial {trial}: {phase}"),
             (last and last.outcome == Outcome.ABORTED, Level.WARN, f"{ended}; {phase}"),
             (True, Level.OK, phase),

@@ -20,9 +20,10 @@ from sim_bridge.arm import SimulatedArm
 from sim_bridge.splines import points_of
 from sim_bridge.trajectory_control import Gains, Tolerances, TrajectoryController
 from tel_ros.app.cli import main
+from tel_ros.core.control.trajectory_points import thinned
 from tel_ros.core.types import NS_PER_S
 from tel_ros.recording.export import deployment
-from tel_ros.recording.export.deployment import LOST_SHARE, Deployment, deploy, practised, thinned
+from tel_ros.recording.export.deployment import LOST_SHARE, Deployment, deploy, practised
 from tel_ros.recording.resumption import resumed_config
 from tel_ros.recording.trial_bag import read_trial
 
@@ -88,10 +89,11 @@ def test_the_stock_controller_moves_the_arm_as_practice_did(
 
 def test_positions_between_points_stay_where_they_were_practised(run: Path) -> None:
     movement, trial = practised(run, RATE_HZ), read_trial(run / "trial_002")
-    states = [movement.position_rad, movement.velocity_rad_s, movement.acceleration_rad_s2]
-    spline = BPoly.from_derivatives(movement.time_ns / NS_PER_S, np.stack(states, axis=1))
+    points = movement.points
+    states = [points.position_rad, points.velocity_rad_s, points.acceleration_rad_s2]
+    spline = BPoly.from_derivatives(points.time_ns / NS_PER_S, np.stack(states, axis=1))
     desired_rad = trial.desired[trial.run, :2]
-    assert len(movement.time_ns) < 0.2 * len(desired_rad)
+    assert len(points.time_ns) < 0.2 * len(desired_rad)
     off_rad = spline(trial.time_s[trial.run]) - desired_rad
     assert np.max(np.abs(off_rad)) < 0.01 * LOST_SHARE * movement.tolerance_rad
 
@@ -123,7 +125,8 @@ def large(movement: Deployment) -> Deployment:
     n = 4000
     arrays = ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "effort_nm")
     values = {name: np.full((n, 2), 1.0 / 3.0) for name in arrays}
-    return replace(movement, time_ns=np.arange(n, dtype=np.int64), **values)
+    points = replace(movement.points, time_ns=np.arange(n, dtype=np.int64), **values)
+    return replace(movement, points=points)
 
 
 def test_a_trajectory_that_no_command_line_takes_is_run_by_its_client(run: Path, tmp_path: Path) -> None:
@@ -135,7 +138,7 @@ def test_a_trajectory_that_no_command_line_takes_is_run_by_its_client(run: Path,
 def test_only_so_many_points_are_left_out_as_the_tolerance_allows(run: Path) -> None:
     movement = practised(run, rate_hz=RATE_HZ)
     trial = read_trial(run / "trial_002")
-    assert 2 < len(movement.time_ns) < trial.run.sum()
+    assert 2 < len(movement.points.time_ns) < trial.run.sum()
     values = np.sin(np.linspace(0.0, 6.0, 500))[:, None]
     time_ns = np.arange(500, dtype=np.int64)
     for lost in (1e-2, 1e-3):
