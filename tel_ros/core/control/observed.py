@@ -131,9 +131,10 @@ class ObservedController(EpController):
         if self.distrusts or self._releasing:
             return self.safety.none()
         wanted = self._springs.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
-        self.safety.last_nm = self._exerted_nm = self.safety.limit.nearest(wanted)
+        permitted = self.safety.exerted(wanted)
+        self._exerted_nm = permitted.effort_nm
         self._exerted.append((state.time_ns, self._exerted_nm))
-        return Permitted(self._exerted_nm, self._exerted_nm != wanted)
+        return permitted
 
 
 def controller_of(arm: ArmConfig, control: ControlConfig, safety: SafetyConfig) -> EpController:

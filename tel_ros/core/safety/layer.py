@@ -140,6 +140,11 @@ class SafetyLayer:
         self.last_nm = self.limit.nearest(wanted_nm)
         return Permitted(self.last_nm, self.last_nm != wanted_nm)
 
+    def exerted(self, wanted_nm: FloatArray) -> Permitted:
+        """Take note of what the springs of another controller exert, which knows the effort limits alone."""
+        self.last_nm = self.limit.nearest(wanted_nm)
+        return Permitted(self.last_nm, self.last_nm != wanted_nm)
+
     def none(self) -> Permitted:
         """Return no effort, and remember that there is none; zero is always permitted."""
         self._last_ns, self.last_nm = None, np.zeros(self._n_joints)

@@ -61,8 +61,9 @@ class TrajectoryChannel:
         self.states = busy_subscription(node, JointTrajectoryControllerState, state_topic, self._on_state)
         """Where the controller says what it does."""
         waits = config.arm_waits_for_commands
-        passed = topics.private(topics.PASSED)
-        self._passed = node.create_publisher(Time, passed, qos.EVENTS) if waits else None
+        self._passed = None
+        if waits:
+            self._passed = node.create_publisher(Time, topics.private(topics.PASSED), qos.EVENTS)
         period_s = 1.0 / (arm.controller_rate_hz or config.control.rate_hz)
         lead_s = (qos.STATES_AHEAD + 1) * period_s if waits else LEAD_S
         self._lead_ns = round(lead_s / period_s) * round(period_s * NS_PER_S)
