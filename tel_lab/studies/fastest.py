@@ -306,8 +306,8 @@ def fastest(options: StudyOptions) -> None:
     --only takes names of groups (kinematics, no_model, kuka_iiwa, …) or seeds of the first group, and shows
     each trial.
     """
-    seeds = [int(word) for word in options.only if word.isdigit()]
-    names = replace(options, only=tuple(w for w in options.only if not w.isdigit())).selected(list(GROUPS))
+    seeds = [int(word) for word in options.only if word.isdecimal()]
+    names = replace(options, only=tuple(w for w in options.only if not w.isdecimal())).selected(list(GROUPS))
     tasks: dict[str, tuple[str, int, tuple[str, ...]]] = {}
     for name in names[:1] if seeds else names:
         n = 1 if options.quick else min(GROUPS[name].n or options.seeds, options.seeds)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import click
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -226,6 +227,8 @@ def random_practice(options: StudyOptions) -> None:
     config = load_config(
         ROOT / "config" / "planar_arm.yaml", ["practice.strategy=adaptive_extension", *options.overrides]
     )
+    if wrong := [word for word in options.only if not word.isdecimal()]:
+        raise click.UsageError(f"--only is {wrong[0]!r}; expected seeds: whole numbers from 0")
     seeds = [int(seed) for seed in options.only] or range(1, (2 if options.quick else options.seeds) + 1)
     results: list[Result] = []
     tasks = {f"seed {seed}": (config, seed) for seed in seeds}

@@ -78,6 +78,11 @@ def test_an_unknown_case_is_named() -> None:
         StudyOptions(only=("heavy",)).selected(["light"])
 
 
+def test_a_seed_that_is_no_number_is_named() -> None:
+    result = CliRunner().invoke(study_command, ["random_practice", "--only", "x"])
+    assert (result.exit_code, "--only is 'x'; expected seeds" in result.stderr) == (2, True)
+
+
 def test_every_study_can_be_loaded_and_says_what_it_does() -> None:
     context = click.Context(study_command)
     for name in study_command.list_commands(context):
