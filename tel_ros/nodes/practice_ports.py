@@ -117,6 +117,7 @@ class PracticePorts:
 
     run: RunContext
     """Has to be set before a run begins."""
+    training_timeout_s = TRAINING_TIMEOUT_S
 
     def __init__(
         self,
@@ -208,7 +209,7 @@ class PracticePorts:
         """Learn from the bag of a trial."""
         self.run.progress.stage("training")
         try:
-            answer = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), TRAINING_TIMEOUT_S)
+            answer = self._call(self._train, TrainOnTrials.Request(bags=[str(bag)]), self.training_timeout_s)
         except DeclinedError as error:
             raise TrainingError(str(error)) from None
         return TrainingOutcome(

@@ -28,6 +28,8 @@ class ServicePorts(PracticePorts):
     A recording that fails at its end costs what could be learned, not the result of the movement.
     """
 
+    training_timeout_s = 30.0
+    """Somebody waits for the result: a network that has died does not answer."""
     _result: TrialResult | None = None
     _unrecorded = ""
 
