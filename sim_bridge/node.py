@@ -145,7 +145,9 @@ class SimBridgeNode(Node):
 
     @property
     def stopped(self) -> bool:
-        """Whether no command has come for a while."""
+        """Whether no command has come for a while, or no trajectory is followed."""
+        if self._controller is not None:
+            return not self._controller.moves
         return time.monotonic() - self._commanded_at > STOP_SILENCE_S
 
     def destroy_node(self) -> None:
@@ -187,12 +189,15 @@ class SimBridgeNode(Node):
 
     def _health(self) -> Health:
         """Say whether commands come; without them nothing but friction brakes the arm."""
-        silent = self._controller is None and (self._coasting if self._lockstep else self._command is None)
+        silent = self._coasting if self._lockstep else self._command is None
         values = {
             "clock": self._sim.clock,
             "arm_time_s": (self._stamp_ns - self._start_ns) / NS_PER_S,
-            "silent": silent,
+            "silent": silent and self._controller is None,
         }
+        if self._controller is not None:
+            does = "follows a trajectory" if self._controller.moves else "holds the arm"
+            return Health(Level.OK, does, values)
         if not silent:
             return Health(Level.OK, "waits for commands" if self._commanded_at == 0.0 else "runs", values)
         if self._arm.at_rest(REST_SPEED_RAD_S):
@@ -251,8 +256,11 @@ class SimBridgeNode(Node):
             self._fall_silent(self._sim.watchdog_s)
             self._command = None
             return self._arm.coast()
+        self._step(self._command)
+
+    def _step(self, command: Sequence[float]) -> None:
         try:
-            self._arm.step(self._command)
+            self._arm.step(command)
         except CommandError as error:
             self.get_logger().error(f"{error}; it is ignored", throttle_duration_sec=COMPLAINT_PERIOD_S)
             self._arm.coast()
@@ -296,7 +304,7 @@ class SimBridgeNode(Node):
     def _follow(self, controller: TrajectoryServer) -> None:
         """Let a period pass, and tell each state: none is too late for a command."""
         told_every = TOLD_EVERY if self._has_client else 1
-        self._arm.step(controller.answer(self._arm.reading(), self._stamp_ns, told_every))
+        self._step(controller.answer(self._arm.reading(), self._stamp_ns, told_every))
         self._publish()
 
     def _go_ahead(self, controller: TrajectoryServer) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from types import TracebackType
 
 import numpy as np
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
@@ -25,6 +25,15 @@ STILL_SHARE = 0.25
 IDLE_TURNS = 5
 """A turn of the executor may take no message although there is one."""
 START_S = 30.0
+
+
+def catch_up(executor: Executor, states: Sized) -> None:
+    """Spin until nothing more is waiting that makes ``states`` longer."""
+    idle = 0
+    while idle < IDLE_TURNS:
+        taken = len(states)
+        executor.spin_once(timeout_sec=0.0)
+        idle = idle + 1 if len(states) == taken else 0
 
 
 class ArmUnderTest:
@@ -79,11 +88,7 @@ class ArmUnderTest:
 
     def catch_up(self) -> None:
         """Take what has come while nobody spun: the newest state must not be one of long ago."""
-        idle = 0
-        while idle < IDLE_TURNS:
-            taken = len(self.states)
-            self._executor.spin_once(timeout_sec=0.0)
-            idle = idle + 1 if len(self.states) == taken else 0
+        catch_up(self._executor, self.states)
 
     def new_states(self, n: int, timeout_s: float = 20.0) -> list[JointState]:
         """Return the next n messages of the arm."""

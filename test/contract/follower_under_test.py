@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from arm_under_test import catch_up
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
 from rcl_interfaces.srv import GetParameters
@@ -79,6 +80,10 @@ class FollowerUnderTest:
             assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
             self._executor.spin_once(timeout_sec=0.02)
 
+    def catch_up(self) -> None:
+        """Take what has come while nobody spun: in lockstep that may be minutes of its time."""
+        catch_up(self._executor, self.states)
+
     def wait(self, future: Future, what: str) -> Any:
         """Return the result of a future."""
         self.spin_until(future.done, ANSWER_S, what)
@@ -130,6 +135,7 @@ class FollowerUnderTest:
 
     def send(self, goal: FollowJointTrajectory.Goal) -> Any:
         """Send a goal and return its handle."""
+        self.catch_up()
         self.states.clear()
         self.feedback.clear()
         sent = self._client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
