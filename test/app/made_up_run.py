@@ -46,6 +46,7 @@ class Trial:
     reached_run: bool = True
     saturated: bool = False
     timing: LoopTiming | None = None
+    path: str = ""
     std_rad: tuple[float, ...] = ()
     """What the network expected of its command: one value a point of the goal, for both joints alike."""
     grown: list[str] = field(default_factory=lambda: ["shoulder: subtree 1 under Gaussian 2", "a new root"])
@@ -159,6 +160,7 @@ def write_run(
     arm_name: str = "test_arm",
 ) -> Path:
     """Write the folder of a run that had these trials."""
+    paths = tuple(dict.fromkeys(trial.path for trial in made_of if trial.path))  # built-in ones: no files
     config = Config(
         arm=ArmConfig(
             name=arm_name,
@@ -169,7 +171,7 @@ def write_run(
             damping_nms_per_rad=(1.5, 1.5),
             effort_limit_nm=(LIMIT_NM, LIMIT_NM),
         ),
-        path=PathConfig(name="planar_loops"),
+        path=PathConfig(files=paths) if paths else PathConfig(name="planar_loops"),
         practice=PracticeConfig(trials=max(1, len(made_of))),
         seed=77,
     )
@@ -177,7 +179,7 @@ def write_run(
     for trial in made_of:
         bag = trial_bag(folder, trial.index)
         report = write_bag(bag, trial)
-        plan = PlannedTrial(trial.index, report.alpha, Movement(report.duration_s))
+        plan = PlannedTrial(trial.index, report.alpha, Movement(report.duration_s, path=trial.path))
         learned = TrainingOutcome(0.04321, 0.00321, math.nan, tuple(trial.grown))
         training = learned if trial.outcome == Outcome.COMPLETED else None
         summary.add(TrialRow.of(PractisedTrial(plan, report, bag, training), bag.name, 1.25))

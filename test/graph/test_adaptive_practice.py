@@ -16,10 +16,11 @@ from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network, new_network
 from tel_ros.recording.resumption import earlier_trials
 from tel_ros.recording.run_folder import json_ready, network_after
-from tel_ros.recording.trial_bag import read_trial
+from tel_ros.recording.trial_bag import read_metadata, read_trial
 from tel_ros.recording.waypoint_file import load_path
 
 PLANAR, FASTEST = ROOT / "config" / "planar_arm.yaml", ROOT / "config" / "fastest.yaml"
+MOVEMENTS = ROOT / "config" / "movements.yaml"
 TOO_FAST_AT_ONCE = (
     "practice.strategy=adaptive_extension",
     *("practice.first_duration_s=9.0", "practice.goal_duration_s=3.0", "practice.step_tolerance_rad=0.9"),
@@ -84,3 +85,25 @@ def test_the_fastest_movement_is_that_of_the_same_run_without_ros(tel: StartTel)
     # From the bags and the networks in files the strategy decides the same once more.
     prepared = earlier_trials(run.folder, config)
     assert [row.effort_share for row in prepared.rows] == [row["effort_share"] for row in rows]
+
+
+def test_several_paths_are_practised_by_turns_as_without_ros_and_can_be_gone_on_with(tel: StartTel) -> None:
+    values = (
+        "practice.goal_duration_s=4.0",
+        "practice.first_duration_s=6.0",
+        "practice.tolerance_rad=0.02",
+        *COARSE,
+    )
+    run = tel(*values, config=MOVEMENTS)
+    config = load_config(MOVEMENTS, values)
+    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        offline = practice.run()
+    code, out, err = run.finish()
+    assert code == 0, err
+    rows = summary_of(out)["trials"]
+    assert [row["path"] for row in rows] == [done.plan.movement.path for done in offline]
+    assert {row["path"] for row in rows} == {"planar_loop", "planar_reach", "planar_swing"}
+    assert [row["rms_error_rad"] for row in rows] == [done.report.rms_error_rad for done in offline]
+    assert [read_metadata(run.folder / row["bag"])["path"] for row in rows] == [row["path"] for row in rows]
+    earlier = earlier_trials(run.folder, load_config(run.folder / "run.yaml"))
+    assert earlier.session.next() == practice.ending

@@ -143,3 +143,29 @@ def test_complaints_about_a_known_path_name_its_key(config: Config, tmp_path: Pa
     missing = PathConfig(name="planar_loops", known_file=str(tmp_path / "no.csv"))
     with pytest.raises(InputFileError, match=r"no\.csv: there is no such file; .* \(key path\.known_file\)"):
         load_known_path(missing, config.arm)
+
+
+def test_several_paths_are_called_like_their_files_and_built_in_ones_may_be_among_them(
+    csv: Callable[[str], Path], config: Config
+) -> None:
+    file = csv("shoulder,elbow\n0,1\n1,0\n")
+    path = load_path(PathConfig(files=(str(file), "planar_loops")), config.arm)
+    assert [each.name for each in path.library] == ["eight", "planar_loops"]
+    start = [path.named(name).evaluate(np.zeros(1))[0][0] for name in ("", "eight", "planar_loops")]
+    np.testing.assert_array_equal(start[:2], [[0, 1], [0, 1]])
+    np.testing.assert_allclose(start[2], [0.6, 1.3])
+
+
+@pytest.mark.parametrize(
+    ("text", "second", "complaint"),
+    [
+        ("shoulder,elbow\n0,1\n1,0\n", "no.csv", r"no\.csv: there is no such file; .*key path\.files"),
+        ("shoulder\n0\n1\n", "planar_loops", "line 1 is shoulder; expected the names of the joints"),
+        ("shoulder,elbow\n0,1\n1,0\n", "planar_loops_3", r"path\.files is 'planar_loops_3'; .*for 2 joints"),
+    ],
+)
+def test_one_of_several_paths_that_cannot_be_used_is_refused_by_name(
+    text: str, second: str, complaint: str, csv: Callable[[str], Path], config: Config
+) -> None:
+    with pytest.raises((InputFileError, ConfigError), match=complaint):
+        load_path(PathConfig(files=(str(csv(text)), second)), config.arm)

@@ -201,6 +201,22 @@ def test_markup_in_names_and_messages_is_shown_and_not_executed(evil_report: Pat
     assert Page(evil_report).text.count("<script>alert(") == 4
 
 
+def test_each_of_several_paths_has_figures_and_a_row_of_its_own(make_run: MakeRun) -> None:
+    names = ("planar_loops", "planar_loops_3")
+    folder = make_run([Trial(index=k, path=names[(k - 1) % 2]) for k in (1, 2, 3)])
+    page = Page(write_report(folder))
+    sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
+    assert sections[0] == "movements"
+    # Of the other there is one trial, which has nothing to step through.
+    assert {"hand-path-1", "hand-path-2", "errors-1", "errors-2"} < set(sections)
+    assert [each for each in sections if each.startswith("steps")] == ["steps-1"]
+    assert (folder / "figures" / "tracking_2.png").is_file()
+    assert "paths planar_loops, planar_loops_3 ·" in page.text
+    assert "planar_loops_3: RMS tracking error: 0.0250 rad (trial 2" in page.text
+    ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+
+
 def test_a_single_trial_has_nothing_to_step_through(evil_report: Path) -> None:
     page = Page(evil_report)
     assert "steps" not in [attrs.get("id") for _, attrs in page.tags]

@@ -174,6 +174,33 @@ def test_what_was_not_practised_is_refused_and_nothing_is_written(run: Path, tmp
     assert "arm.command_interface is 'position'; expected effort" in refused(run)
 
 
+def test_of_several_movements_each_gets_a_folder_or_one_alone_is_written(run: Path, tmp_path: Path) -> None:
+    config, summary = (
+        yaml.safe_load((run / "run.yaml").read_text()),
+        json.loads((run / "summary.json").read_text()),
+    )
+    config["path"] |= {"name": "", "file": "", "files": ["pick.csv", "place.csv"]}
+    for row, path in zip(summary["trials"], ("pick", "place"), strict=True):
+        row["path"] = path
+    (run / "run.yaml").write_text(yaml.safe_dump(config))
+    (run / "summary.json").write_text(json.dumps(summary))
+    out = tmp_path / "out"
+    result = told(run, "--out", out)
+    assert result.exit_code == 2 and "trial 1 of pick (completed, 3.5 s): 302.27 mrad RMS" in result.stderr
+    assert not out.exists(), "all of them or none"
+    assert "--path is 'drop'; expected one of pick, place" in told(run, "--out", out, "--path", "drop").stderr
+    assert told(run, "--out", tmp_path / "one", "--path", "place").exit_code == 0
+    assert (tmp_path / "one" / "trajectory.yaml").is_file()
+
+    config["practice"] |= {"tolerance_rad": 0.4, "step_tolerance_rad": 0.4}
+    (run / "run.yaml").write_text(yaml.safe_dump(config))
+    result = told(run, "--out", out, "--json")
+    assert result.exit_code == 0, result.output
+    assert [each["trial"]["path"] for each in json.loads(result.stdout)["movements"]] == ["pick", "place"]
+    texts = [(out / name / "README.md").read_text() for name in ("pick", "place")]
+    assert "movement of 3.500 s" in texts[0] and "movement of 3.000 s" in texts[1]
+
+
 def test_a_damaged_bag_and_a_folder_that_is_there_are_refused(run: Path, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     assert "exists already" in told(run, "--out", tmp_path / "there").stderr
