@@ -19,10 +19,15 @@ from tel_ros.app.bring_up import MODULES
 if TYPE_CHECKING:
     from fault_graph import FaultGraph
 
-LOCKSTEP = tuple(name for name, setup in SETUPS.items() if not setup.in_between)
-EVERYWHERE = (*IN_BETWEEN, *LOCKSTEP)
+FOLLOWED = ("trajectory",)
+"""Where the loop is the arm's own: without ep_controller it goes on to the end of its goal."""
+LOCKSTEP = tuple(name for name, setup in SETUPS.items() if not (setup.in_between or name in FOLLOWED))
+LOOP = (*IN_BETWEEN, *LOCKSTEP)
+EVERYWHERE = (*LOOP, *FOLLOWED)
 WHERE = {"arm_guard": GUARDED}  # an arm in lockstep waits for commands and needs no guard
-OUTSIDE_THE_LOOP = tuple(name for name in MODULES if name not in ("sim_bridge", "ep_controller"))
+OUTSIDE_THE_LOOP = tuple(
+    name for name in MODULES if name not in ("sim_bridge", "ep_controller", "feedforward_controller")
+)
 """Nodes that a trial does not need once it has begun."""
 STATES_LOST = (
     r"no (new )?joint state|joint states come|stamps of the joint states|off its desired|moves at|"
@@ -259,7 +264,7 @@ _ENDINGS = (
         "ep_controller",
         right=_WATCHDOG + "the run ends and says which node died.",
         expects="stop",
-        setups=EVERYWHERE,
+        setups=LOOP,
         weight=1.0,
     ),
     *(_killed(node, setups=WHERE.get(node, EVERYWHERE)) for node in OUTSIDE_THE_LOOP),
@@ -287,7 +292,7 @@ _ENDINGS = (
     _ending(
         *("emergency_stop_in_lockstep", *_CALLED),
         "As in real time, once the controller has seen the call: the arm's time may go on until then.",
-        setups=LOCKSTEP,
+        setups=(*LOCKSTEP, *FOLLOWED),
         weight=0.3,
     ),
     _hung(

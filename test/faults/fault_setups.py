@@ -37,6 +37,8 @@ SHORT_TRIALS = (
     f"sim.command_age_limit_s={COMMAND_AGE_LIMIT_S}",
 )
 """Short trials; an aborted one is followed by the next."""
+FLUNG_BACK_J = 1.0
+"""What the springs give back that stop the swing at its fastest."""
 TRIAL_S = 0.5 + 0.2 + RUN_S + 0.2
 """Approach, settle, run and hold, in arm time, of a trial that nothing disturbs."""
 
@@ -57,6 +59,7 @@ class Setup:
         alone: whether no other graph may run beside it on two cores: states that are late for want of a core
             are a fault of their own, and an arm that bears a weight sinks then.
         guarded: whether ``arm_guard`` watches the commands, where the campaign stands in between.
+        settings: of the configuration, beside those that all have.
     """
 
     name: str
@@ -67,6 +70,7 @@ class Setup:
     weight: float
     alone: bool = False
     guarded: bool = True
+    settings: tuple[str, ...] = ()
 
     def config(self, folder: Path, trials: int) -> tuple[Config, list[str]]:
         """Return the configuration of a run, and the settings that make it of the file.
@@ -91,6 +95,7 @@ class Setup:
             f"safety.guard={'external' if self.guarded else 'never'}",
             f"sim.clock={'realtime' if self.in_between else 'lockstep'}",
             f"control.realtime_priority={PRIORITY if self.in_between else 0}",
+            *self.settings,
         ]
         return load_config(self.config_file, settings), settings
 
@@ -103,6 +108,11 @@ SETUPS = {
         Setup("planar_3", ROOT / "config" / "planar_arm_3.yaml", True, 0.05, False, 0.15),
         Setup("iiwa", ROOT / "config" / "kuka_iiwa.yaml", True, 2.0, True, 0.1, alone=True),
         Setup("lockstep", ROOT / "config" / "planar_arm.yaml", False, 0.05, False, 0.15),
+        # Its hold on a stop is a spring that is latched, and gives back what it took up.
+        Setup(
+            *("trajectory", ROOT / "config" / "planar_arm.yaml", False, FLUNG_BACK_J, False, 0.15),
+            settings=("arm.command_interface=trajectory",),
+        ),
         Setup("iiwa_lockstep", ROOT / "config" / "kuka_iiwa.yaml", False, 2.0, True, 0.1),
     )
 }
