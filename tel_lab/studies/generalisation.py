@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from tel_lab.study import ROOT, Chapter, StudyOptions, study
 from tel_lab.tables import of_texts
 from tel_lab.trial_record import fastest_by_speed_s
 from tel_ros.core.config import Config
-from tel_ros.core.errors import TelError
+from tel_ros.core.errors import TrainingError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
 from tel_ros.core.learning.registry import learner_kind
@@ -65,34 +66,27 @@ def movements(config: Config, around_rad: float, n: int) -> list[tuple[DesiredTr
     return found
 
 
-def executed(config: Config, desired: DesiredTrajectory, equilibrium_rad: FloatArray) -> Trial:
-    """Let the simulated arm, at rest at the start, follow a command.
-
-    Raises:
-        TelError: it does not complete the movement.
-    """
+def executed(config: Config, learner: Learner, desired: DesiredTrajectory) -> Trial:
+    """Let the simulated arm, at rest at the start, follow what a learner commands, to whatever end."""
+    equilibrium_rad = predicted(learner, desired, config.control.rate_hz).equilibrium_rad
     with OfflineArm(config) as arm:
-        trial = arm.run_trial(TrialGoal(1, 1.0, desired, equilibrium_rad))
-    if trial.report.outcome != Outcome.COMPLETED:
-        raise TelError(f"a movement ended with {trial.report.outcome.name}: {trial.report.message}")
-    return trial
+        return arm.run_trial(TrialGoal(1, 1.0, desired, equilibrium_rad))
 
 
 def errors_rad(config: Config, learner: Learner, tests: list[DesiredTrajectory]) -> FloatArray:
-    """Return the tracking error (RMS) of each movement."""
-    found = []
-    for desired in tests:
-        equilibrium_rad = predicted(learner, desired, config.control.rate_hz).equilibrium_rad
-        found.append(executed(config, desired, equilibrium_rad).report.rms_error_rad)
-    return np.array(found)
+    """Return the tracking error (RMS) of each movement; inf of one that was aborted."""
+    reports = [executed(config, learner, desired).report for desired in tests]
+    done = [report.outcome == Outcome.COMPLETED for report in reports]
+    return np.where(done, [report.rms_error_rad for report in reports], np.inf)
 
 
 def learned(config: Config, practised: list[tuple[DesiredTrajectory, ...]], learner: Learner) -> Learner:
-    """Return a learner after practice of further paths, one after the other."""
+    """Return a learner after practice of further paths; it also learns from trials that ended early."""
     for path in practised:
         for desired in path:
-            equilibrium_rad = predicted(learner, desired, config.control.rate_hz).equilibrium_rad
-            learner, _ = trained(learner, executed(config, desired, equilibrium_rad), config)
+            trial = executed(config, learner, desired)
+            with suppress(TrainingError):  # hardly anything was recorded
+                learner, _ = trained(learner, trial, config)
     return learner
 
 
@@ -114,7 +108,8 @@ def chapter(name: str, quick: bool, overrides: tuple[str, ...]) -> Chapter:
         context = replace(learner_context(config), input_range=InputRange(low.min(axis=0), high.max(axis=0)))
         network = learner_kind(config.learning.name).new(context)
         if not errors:
-            unlearned = errors_rad(config, network, tests)
+            # Until an abort: without learning the error is that large at least.
+            unlearned = np.array([executed(config, network, test).report.rms_error_rad for test in tests])
         for before, now in pairwise((0, *after)):
             network = learned(config, practised[before:now], network)
             errors[learner, now] = errors_rad(config, network, tests)
@@ -138,7 +133,10 @@ def chapter(name: str, quick: bool, overrides: tuple[str, ...]) -> Chapter:
 
 def spread(errors: FloatArray) -> tuple[str, str]:
     """Return median and largest of some errors [mrad]."""
-    return f"{1e3 * np.median(errors):.2f}", f"{1e3 * errors.max():.2f}"
+    median, largest = (
+        f"{1e3 * x:.2f}" if np.isfinite(x) else "aborted" for x in (np.median(errors), errors.max())
+    )
+    return median, largest
 
 
 @study()
