@@ -109,8 +109,7 @@ class EpController:
         self.limits.check_goal(goal, self._control.settle_speed_rad_s)
         springs = goal.springs or self._configured
         springs.require_within(self._control.max_stiffness_factor, self._configured)
-        if not (self._own_springs or springs.equal(self._configured)):
-            raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
+        self._check_springs(goal, springs)
         self.safety.response.forgive()
         self.course, self.report = TrialCourse(goal), None
         # What is held at present is left smoothly; an arm that nobody holds is picked up where it is.
@@ -237,6 +236,11 @@ class EpController:
         if not self._releasing:
             self._exerted_nm = permitted.effort_nm
         return permitted
+
+    def _check_springs(self, goal: TrialGoal, springs: Springs) -> None:
+        """Refuse a goal that the springs cannot follow, with a TrajectoryError."""
+        if not (self._own_springs or springs.equal(self._configured)):
+            raise TrajectoryError("the goal has springs of its own; expected none: they are the drive's")
 
     def _check(self, state: ArmState) -> None:
         """Abort if a state is too old or time jumped."""

@@ -11,8 +11,10 @@ from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.tracking import Target, TrialCourse
 from tel_ros.core.control.trajectory_points import TrajectoryPoints
-from tel_ros.core.safety.rules import Permitted
-from tel_ros.core.trial import Phase
+from tel_ros.core.errors import TrajectoryError
+from tel_ros.core.safety.rules import EffortRate, Permitted
+from tel_ros.core.springs import Springs
+from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 
@@ -37,6 +39,7 @@ class ObservedController(EpController):
         self._limit_nm = np.array(arm.effort_limit_nm)
         period_s = 1.0 / control.rate_hz
         self._periods_s = period_s, 1.0 / arm.controller_rate_hz if arm.controller_rate_hz else period_s
+        self._rate_nm_per_s = EffortRate.of(arm, safety or SafetyConfig(), period_s).rate_nm_per_s
         self._held_rad: FloatArray | None = None
         self._exerted: deque[tuple[int, FloatArray]] = deque(maxlen=self.REMEMBERED)
         self.run_from_ns = 0
@@ -67,11 +70,41 @@ class ObservedController(EpController):
         acceleration = np.gradient(velocity, time_ns / NS_PER_S, axis=0)
         return self._points(time_ns, (wanted, velocity, acceleration), equilibrium)
 
-    def movement_points(self) -> TrajectoryPoints:
-        """Return the movement, from its start."""
+    def movement_points(self, rest_ns: int) -> TrajectoryPoints:
+        """Return the movement, after a rest at its start."""
         goal, desired = self.course.goal, self.course.goal.desired
         states = desired.position_rad, desired.velocity_rad_s, desired.acceleration_rad_s2
-        return self._points(desired.time_ns, states, goal.equilibrium_rad)
+        points = self._points(desired.time_ns, states, goal.equilibrium_rad)
+        return points.after(rest_ns, round(self._periods_s[0] * NS_PER_S))
+
+    def _check_springs(self, goal: TrialGoal, springs: Springs) -> None:
+        """Refuse efforts that grow faster than a safety layer would let them, and loads that make it sag."""
+        super()._check_springs(goal, springs)
+        desired, period_s, joints = goal.desired, self._periods_s[0], self.limits.joints
+        effort = springs.effort(goal.equilibrium_rad, desired.position_rad, desired.velocity_rad_s)
+        effort = effort.clip(-self._limit_nm, self._limit_nm)
+        step_nm = self._rate_nm_per_s * period_s
+        before, after = effort[:-1], effort[1:]
+        sudden = (after < np.minimum(before, 0.0) - step_nm) | (after > np.maximum(before, 0.0) + step_nm)
+        if sudden.any():
+            k, j = np.argwhere(sudden)[0]
+            raise TrajectoryError(
+                f"the effort of {joints[j]} should go from {before[k, j]:.3g} N·m to {after[k, j]:.3g} N·m "
+                f"within {period_s:.4g} s at {desired.time_s[k]:.3f} s; expected steps of at most "
+                f"{step_nm[j]:.3g} N·m (safety.effort_rate_nm_per_s)"
+            )
+        # What the springs bear at rest. A load that is not learned yet shows as an error of the path.
+        sag_rad = np.abs(goal.equilibrium_rad - desired.position_rad)[[0, -1]].max(axis=0)
+        j, most_rad = int(np.argmax(sag_rad)), self.limits.path_tolerance_rad
+        if sag_rad[j] > most_rad:
+            stiffness = springs.stiffness_nm_per_rad[j]
+            load_nm = sag_rad[j] * stiffness
+            raise TrajectoryError(
+                f"{joints[j]} bears {load_nm:.3g} N·m at rest: on an abort its controller holds without what "
+                f"was learned, and it would sag by {sag_rad[j]:.3f} rad; expected at most the path tolerance "
+                f"of {most_rad:g} rad. It needs a gain of {load_nm / most_rad:.3g} N·m/rad instead of "
+                f"{stiffness:g}, or an arm that compensates its own weight"
+            )
 
     def _points(
         self,
@@ -94,26 +127,7 @@ class ObservedController(EpController):
         return super()._begin(trial, state)
 
     def _run_begins_ns(self, state: ArmState) -> int:
-        if self.settled and (sag := self._sag()):
-            self._stop(sag)
         return self.run_from_ns if 0 < self.run_from_ns <= state.time_ns else 0
-
-    def _sag(self) -> str:
-        """Say which joint would sag too far if the controller had to hold without what was learned."""
-        stiffness = self._springs.stiffness_nm_per_rad
-        load_nm = self._hold.load.effort_nm
-        here = np.zeros_like(stiffness) if load_nm is None else np.abs(load_nm / stiffness)
-        last = self.course.points.last
-        sag_rad = np.maximum(here, np.abs(last.equilibrium - last.position))
-        j, most_rad = int(np.argmax(sag_rad)), self.limits.path_tolerance_rad
-        if sag_rad[j] <= most_rad:
-            return ""
-        return (
-            f"{self.limits.joints[j]} bears {sag_rad[j] * stiffness[j]:.3g} N·m: on an abort the controller "
-            f"holds without what was learned, and it would sag by {sag_rad[j]:.3f} rad (path tolerance "
-            f"{most_rad:g} rad). It needs at least {sag_rad[j] * stiffness[j] / most_rad:.3g} N·m/rad "
-            f"instead of {stiffness[j]:g}, or an arm that compensates its own weight"
-        )
 
     def _target(self, trial: TrialCourse, state: ArmState) -> Target:
         if self.phase is not Phase.STOP or self._releasing:

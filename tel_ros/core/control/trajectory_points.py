@@ -56,6 +56,20 @@ class TrajectoryPoints:
         kept = thinned(times_ns, effort_nm / springs.stiffness_nm_per_rad, lost_rad)
         return cls(times_ns[kept], position[kept], velocity[kept], acceleration[kept], effort_nm[kept])
 
+    def after(self, rest_ns: int, period_ns: int) -> TrajectoryPoints:
+        """Return them with a rest in the first position before, with its effort.
+
+        A controller hurries an arm from where it is to the first point of a trajectory that begins later, and
+        under a weight it is not there. ``period_ns``: in which an acceleration may set in after the rest.
+        """
+        times_ns = np.concatenate([[0, rest_ns - period_ns], rest_ns + self.time_ns])
+        position, velocity, acceleration, effort = (
+            np.vstack([each[:1], each[:1], each])
+            for each in (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2, self.effort_nm)
+        )
+        velocity[:2] = acceleration[:2] = 0.0
+        return TrajectoryPoints(times_ns, position, velocity, acceleration, effort)
+
 
 def thinned(time_ns: IntArray, values: FloatArray, lost: float) -> IntArray:
     """Return the points to keep, evenly, so that straight lines between them lose no more than ``lost``.

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
@@ -34,8 +35,11 @@ from tel_ros.recording import topics
 PASSED_EVERY = 8
 """How many states a simulation that waits is told of at once."""
 WATCH_PERIOD_S = 0.02
-LEAD_S = 0.1
-ANSWER_TIMEOUT_S = 1.0
+PARAMETERS_TIMEOUT_S = 1.0
+LEAD_S = 0.2
+"""How long the arm rests at its start after a movement was sent; in lockstep: see there."""
+ANSWER_TIMEOUT_S = 0.25
+"""Before monitors wonder why the arm does not move. In lockstep it waits: ``sim.lockstep_timeout_s``."""
 COMPARED_EVERY_S, OTHER_SHARE, OTHER_TIMES = 0.05, 0.2, 5
 """How often efforts are compared; by which share of the limit they may differ, but for so many times."""
 SILENCE_S = 0.5
@@ -61,6 +65,7 @@ class TrajectoryChannel:
         self.states = busy_subscription(node, JointTrajectoryControllerState, state_topic, self._on_state)
         """Where the controller says what it does."""
         waits = config.arm_waits_for_commands
+        self._patience_s = config.sim.lockstep_timeout_s if waits else ANSWER_TIMEOUT_S
         self._passed = None
         if waits:
             self._passed = node.create_publisher(Time, topics.private(topics.PASSED), qos.EVENTS)
@@ -104,7 +109,7 @@ class TrajectoryChannel:
         """Why no trial can be sent, although the controller is there; empty: one can."""
         if not self.listeners:
             return ""
-        if self._gains != "" and time.monotonic() - self._gains_asked_at > ANSWER_TIMEOUT_S:
+        if self._gains != "" and time.monotonic() - self._gains_asked_at > PARAMETERS_TIMEOUT_S:
             if self._gains is None and self._gains_asked_at > 0.0:
                 self._gains = ""
                 self._node.get_logger().warning(
@@ -134,9 +139,13 @@ class TrajectoryChannel:
         controller = self._controller
         if controller is None:
             return
-        if time.monotonic() - self._asked_at > ANSWER_TIMEOUT_S:
-            self._asked_at = math.inf
-            controller.abort(f"{self._name} has not answered for {ANSWER_TIMEOUT_S:g} s")
+        if time.monotonic() - self._asked_at > self._patience_s:
+            self._asked_at, self._stopping = math.inf, False  # a cancellation is asked for again
+            silent = f"{self._name} has not answered for {self._patience_s:g} s"
+            self._node.get_logger().error(silent)
+            controller.abort(silent)
+        elif controller.phase is Phase.RUN and self._asked_at < math.inf:
+            controller.abort(f"{self._name} has not accepted the movement before its beginning")
         phase = controller.phase
         if phase is Phase.STOP:
             self._cancel()
@@ -146,7 +155,7 @@ class TrajectoryChannel:
             self._send(controller.approach_points(), controller.course.start_ns, _ERASED)
         elif controller.settled and self._asked_at == math.inf:
             controller.run_from_ns = self._stamp_ns + self._lead_ns
-            self._send(controller.movement_points(), controller.run_from_ns, self._tolerance_rad)
+            self._send(controller.movement_points(self._lead_ns), self._stamp_ns, self._tolerance_rad)
         elif controller.active:
             self._look(controller)
 
@@ -178,8 +187,13 @@ class TrajectoryChannel:
     def _ended(self, serial: int, future: Future) -> None:
         if serial != self._serial:
             return  # another one has taken its place
-        result, controller, self._handle = future.result().result, self._controller, None
-        if controller is not None and controller.phase is not Phase.STOP and result.error_code:
+        ended, controller, self._handle = future.result(), self._controller, None
+        result = ended.result
+        if controller is None or ended.status == GoalStatus.STATUS_SUCCEEDED:
+            return
+        if ended.status == GoalStatus.STATUS_CANCELED:
+            controller.abort(f"{self._name}: the goal was cancelled by somebody else")
+        else:
             controller.abort(f"{self._name}: {result.error_string} (error {result.error_code})")
 
     def _cancel(self) -> None:
@@ -187,9 +201,9 @@ class TrajectoryChannel:
         if self._stopping:
             return
         self._stopping = True
-        if self._handle is not None:
-            self._asked_at, handle, self._handle = time.monotonic(), self._handle, None
-            handle.cancel_goal_async().add_done_callback(self._cancelled)
+        if self._handle is not None and self.listeners:
+            self._asked_at = time.monotonic()
+            self._handle.cancel_goal_async().add_done_callback(self._cancelled)
 
     def _cancelled(self, future: Future) -> None:
         self._asked_at = math.inf
@@ -251,8 +265,11 @@ class TrajectoryChannel:
 
     def _compare_gains(self, future: Future) -> None:
         found = [parameter_value_to_python(value) for value in future.result().values]
+        expected = self._expected()
+        if len(found) != len(expected):
+            return  # it has not all of them: that is no answer
         self._gains = ""
-        for (name, wanted), value in zip(self._expected().items(), found, strict=False):
+        for (name, wanted), value in zip(expected.items(), found, strict=True):
             equal = value == wanted if isinstance(wanted, list) else _close(value, wanted)
             if not equal:
                 self._gains = f"{self._name}: {name} is {value}; expected {wanted}, as the arm is configured"
