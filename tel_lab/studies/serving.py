@@ -153,8 +153,8 @@ def unlearned(config: Config, movements: Sequence[Points], stiffer: float) -> li
     K; B goes with its root.
     """
     springs, done = Springs.of(config.arm).scaled(stiffer), []
-    with OfflineArm(config) as arm:
-        for k, points in enumerate(movements):
+    for k, points in enumerate(movements):
+        with OfflineArm(config) as arm:  # a new one: after some aborts no other trial would start
             reference = Reference(points, np.array(arm.plant.true_position_rad))
             desired = reference.desired(1.0, config.control.rate_hz)
             lead_s = springs.damping_nms_per_rad / springs.stiffness_nm_per_rad
