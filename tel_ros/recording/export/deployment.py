@@ -45,7 +45,20 @@ class Deployment:
     tolerance_rad: float
     path_tolerance_rad: float
     effort_limit_nm: FloatArray
+    effort_share: float | None
+    """How much of the effort limits the movement was to use at most; None: its duration was given."""
+    carried: str
+    """What the arm carried, for people."""
     points: TrajectoryPoints
+
+    @property
+    def sag_rad(self) -> FloatArray:
+        """How far the arm sags where it is held without efforts, at the start and at the end.
+
+        There it is at rest, so the efforts are what holds it, as far as was learned. Shape (2, n_joints).
+        """
+        sag_rad: FloatArray = np.abs(self.points.effort_nm[[0, -1]]) / self.springs.stiffness_nm_per_rad
+        return sag_rad
 
     def message(self) -> dict[str, Any]:
         """Return the trajectory_msgs/JointTrajectory, as plain values."""
@@ -131,6 +144,10 @@ def practised(run: Path, rate_hz: float, trial: int | None = None, path: str = "
         tolerance_rad,
         config.control.path_tolerance_rad,
         limit_nm,
+        best.effort_share,
+        f"a payload of {config.sim.payload_kg:g} kg (simulated)"
+        if config.run.arm == "sim"
+        else "whatever the arm carried then",
         points,
     )
 
@@ -228,10 +245,20 @@ def _readme(movement: Deployment, size: int) -> str:
     warning = f" The safety layer changed the effort in {ratio:.1%} of its states." if ratio > 0.0 else ""
     rms_mrad, tolerance_mrad = 1e3 * report.rms_error_rad, 1e3 * movement.tolerance_rad
     most_mrad, goal_rad = 1e3 * report.max_error_rad, _goal_tolerance_rad(movement)
+    shares = report.max_effort_nm / movement.effort_limit_nm
+    most_used = f"{shares.max():.0%} of its limit ({movement.joints[int(shares.argmax())]})"
+    if movement.effort_share is not None:
+        most_used += f"; it was to use {movement.effort_share:.0%} at most"
+    sag_mrad, sagging = 1e3 * movement.sag_rad.max(axis=1), movement.sag_rad.argmax(axis=1)
+    sag = " and ".join(
+        f"{mrad:.1f} mrad ({movement.joints[int(joint)]}) at the {where}"
+        for mrad, joint, where in zip(sag_mrad, sagging, ("start", "end"), strict=True)
+    )
     return f"""# A practised movement of {report.duration_s:.3f} s
 
-Trial {report.index} of a practice run, {n} points. Expected, with what the arm carried then:
+Trial {report.index} of a practice run, {n} points. Expected, with {movement.carried}:
 {rms_mrad:.2f} mrad RMS (tolerance {tolerance_mrad:g}), at most {most_mrad:.1f} mrad.{warning}
+The largest effort is {most_used}.
 
 | joint | RMS error, mrad | largest effort, N·m | limit, N·m |
 | --- | --- | --- | --- |
@@ -250,6 +277,7 @@ Trial {report.index} of a practice run, {n} points. Expected, with what the arm 
 The controller aborts if a joint is more than {movement.path_tolerance_rad:g} rad off,
 or {goal_rad:.3g} rad at the end. After an abort or a cancellation it holds with p and d alone,
 **without these efforts**: an arm that does not compensate its own weight sags by its torque over p, or falls.
+By the efforts that were learned it would sag by {sag}; elsewhere it may be more.
 """
 
 

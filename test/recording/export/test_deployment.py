@@ -117,6 +117,11 @@ def test_readme_and_client_fit_the_trajectory(run: Path, tmp_path: Path) -> None
     text = (tmp_path / "out" / "README.md").read_text()
     assert "101.76 mrad RMS (tolerance 150)" in text
     assert "at\n   1000 Hz" in text
+    assert "with a payload of 0 kg (simulated)" in text and "of its limit (shoulder)" in text
+    points = yaml.safe_load((tmp_path / "out" / "trajectory.yaml").read_text())["points"]
+    sag_mrad = [1e3 * max(map(abs, points[end]["effort"])) / 15.0 for end in (0, -1)]  # K is 15 N·m/rad
+    for mrad, where in zip(sag_mrad, ("start", "end"), strict=True):
+        assert f"{mrad:.1f} mrad (shoulder) at the {where}" in text
     assert "ros2 action send_goal" in text and "$(cat trajectory.yaml)" in text
     assert "send_goal_async" in ast.unparse(ast.parse((tmp_path / "out" / "run_movement.py").read_text()))
 
