@@ -33,26 +33,22 @@ ENOUGH_WINDOWS = 3
 VELOCITY_TOLERANCE = 0.25
 
 
-def one_of(endpoints: str, kind: str, mend: str) -> Callable[[Evidence], Finding]:
-    """Return a check of whether there is one publisher or subscription, of the right type."""
-
-    def judge(seen: Evidence) -> Finding:
-        found: Sequence[Endpoint] = getattr(seen, endpoints)
-        return judged(len(found) == 1 and found[0][1] == kind, listed(found), f"one, of {kind}", mend)
-
-    return judge
+def state_publisher(seen: Evidence) -> Finding:
+    """One node publishes joint states."""
+    mend = "end all but one: states of two arms, or of an old process, would be mixed"
+    return _one_of(seen.publishers, "sensor_msgs/msg/JointState", mend)
 
 
-state_publisher = one_of(
-    "publishers",
-    "sensor_msgs/msg/JointState",
-    "end all but one: states of two arms, or of an old process, would be mixed",
-)
-command_listener = one_of(
-    "listeners",
-    "std_msgs/msg/Float64MultiArray",
-    "start and activate the controller that takes the commands; end a second one",
-)
+def command_listener(seen: Evidence) -> Finding:
+    """One node takes the commands."""
+    follows = seen.arm.command_interface == "trajectory"
+    kind = "trajectory_msgs/msg/JointTrajectory" if follows else "std_msgs/msg/Float64MultiArray"
+    mend = "start and activate the controller that takes the commands; end a second one"
+    return _one_of(seen.listeners, kind, mend)
+
+
+def _one_of(found: Sequence[Endpoint], kind: str, mend: str) -> Finding:
+    return judged(len(found) == 1 and found[0][1] == kind, listed(found), f"one, of {kind}", mend)
 
 
 def other_commanders(seen: Evidence) -> Finding:

@@ -41,7 +41,7 @@ def record(n: int = 200, period_s: float = 0.002, age_s: float = 0.001, **column
 
 def found(*titles: str, rate_hz: float = 500.0, **known: object) -> list[Finding]:
     """Return the findings of some checks, in the order of the list."""
-    evidence = Evidence(arm_config(), rate_hz, **({"states": record()} | known))
+    evidence = Evidence(**({"arm": arm_config(), "rate_hz": rate_hz, "states": record()} | known))
     return [
         finding
         for check in (*LISTENING, *MOVING)
@@ -226,6 +226,13 @@ def test_one_arm_has_one_publisher_one_listener_and_nobody_else(
     titles = ("publisher of states", "other commands", "listener to commands", "quality of service")
     graph = {"publishers": states, "commanders": commanders, "listeners": listeners}
     assert bad(found(*titles, **graph)) == expected
+
+
+def test_a_controller_of_trajectories_has_to_take_trajectories() -> None:
+    taken = [("joint_trajectory_controller", "trajectory_msgs/msg/JointTrajectory", "reliable")]
+    arm = arm_config(command_interface="trajectory")
+    assert bad(found("listener to commands", listeners=taken, arm=arm)) == []
+    assert bad(found("listener to commands", listeners=LISTENER, arm=arm)) == ["listener to commands"]
 
 
 def test_names_that_are_missing_or_there_twice_are_found_and_others_ignored() -> None:
