@@ -1,4 +1,4 @@
-"""The graph with an arm whose drives take equilibrium points."""
+"""The graph with an arm that takes something else than efforts: equilibrium points, or whole trajectories."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from tel_ros.recording.trial_bag import read_trial
 from tel_ros.recording.waypoint_file import load_path
 
 POSITION = "arm.command_interface=position"
+TRAJECTORY = "arm.command_interface=trajectory"
 
 
 def test_practice_sends_set_points_records_them_and_is_what_it_is_offline(
@@ -64,3 +65,24 @@ def test_without_states_and_at_its_end_the_controller_sends_nothing_because_zero
     running.spin_until(lambda: running.node.count_publishers(topics.POSITION_COMMANDS) == 0, "the end")
     assert efforts == []
     assert [message for message in commands if not any(message.data)] == []
+
+
+def test_trials_through_a_trajectory_controller_move_the_arm_as_efforts_for_each_state_do(
+    tel: Callable[..., TelProcess],
+) -> None:
+    run = tel(*QUICK, TRAJECTORY, "practice.trials=2")
+    _, out, _ = run.finish()
+    rows = summary_of(out)["trials"]
+    assert [row["outcome"] for row in rows] == ["completed"] * 2
+    config = load_config(run.folder / CONFIG_FILE, ("arm.command_interface=effort",))
+    with OfflinePractice(config, load_path(config.path, config.arm), new_network(config)) as practice:
+        offline = next(iter(practice.run())).trial
+    bag = run.folder / rows[0]["bag"]
+    trial = read_trial(bag)
+    first, expected = trial.position_rad[trial.run], offline.position_rad[offline.run]
+    assert len(first) == len(expected)
+    later = slice(len(first) // 2, None)  # they need not have come to rest in the same place
+    assert np.sqrt(np.mean((first - expected)[later] ** 2)) < 5e-4
+    with AnyReader([bag]) as reader:
+        recorded = {connection.topic for connection in reader.connections}
+    assert not recorded & {topics.absolute(topic) for topic in topics.RECORDED_COMMANDS}

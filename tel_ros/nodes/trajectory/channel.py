@@ -71,6 +71,9 @@ class TrajectoryChannel:
             self._passed = node.create_publisher(Time, topics.private(topics.PASSED), qos.EVENTS)
         period_s = 1.0 / (arm.controller_rate_hz or config.control.rate_hz)
         lead_s = (qos.STATES_AHEAD + 1) * period_s if waits else LEAD_S
+        # Of a simulation that goes ahead, states come in batches before what was said meanwhile.
+        ahead_s = 4 * qos.STATES_AHEAD / config.control.rate_hz if waits else 0.0
+        self._silence_s = max(SILENCE_S, ahead_s)
         self._lead_ns = round(lead_s / period_s) * round(period_s * NS_PER_S)
         node.create_timer(WATCH_PERIOD_S, self.follow, clock=STEADY)
         self._controller: ObservedController | None = None
@@ -222,7 +225,7 @@ class TrajectoryChannel:
         raw, self._state = self._state, None
         if raw is None:
             silent_s = (self._stamp_ns - self._told_ns) / NS_PER_S
-            if silent_s > SILENCE_S:
+            if silent_s > self._silence_s:
                 what = f"{self._name} has said nothing on its {topics.CONTROLLER_STATE}"
                 controller.abort(f"{what} for {silent_s:.2f} s")
             return
