@@ -20,7 +20,7 @@ from tel_ros.core.errors import ConfigError
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.shared_files import shipped_configs
 
-NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot", "tel stop", "tel reset"}
+NO_RESULT_TO_PRINT = {"tel view", "tel replay", "tel bag plot", "tel stop", "tel reset", "tel serve"}
 """Commands that show something until they are stopped, write one file, or tell one thing to a controller."""
 
 
