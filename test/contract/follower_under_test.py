@@ -133,9 +133,10 @@ class FollowerUnderTest:
         goal.goal_time_tolerance = to_duration(round(tolerances_rad.get("time_s", 2.0) * 1e9))
         return goal
 
-    def send(self, goal: FollowJointTrajectory.Goal) -> Any:
-        """Send a goal and return its handle."""
-        self.catch_up()
+    def send(self, goal: FollowJointTrajectory.Goal, *, at_once: bool = False) -> Any:
+        """Send a goal and return its handle; ``at_once``: although states of another one may keep coming."""
+        if not at_once:
+            self.catch_up()
         self.states.clear()
         self.feedback.clear()
         sent = self._client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))

@@ -129,7 +129,8 @@ def test_a_cancelled_goal_ends_at_once_and_the_arm_is_held(follower: FollowerUnd
 def test_a_new_goal_takes_the_place_of_the_one_before(follower: FollowerUnderTest) -> None:
     first = follower.send(follower.goal(follower.swing(VERY_LONG_S)))
     follower.spin_until(lambda: len(follower.states) > 20, 10.0, "states")
-    status, result = follower.follow(follower.goal(follower.swing(0.5), goal=1.0))
+    second = follower.send(follower.goal(follower.swing(0.5), goal=1.0), at_once=True)
+    status, result = follower.end(second)
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL)
     status, result = follower.end(first)
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, Result.INVALID_GOAL)

@@ -70,7 +70,7 @@ def test_every_parameter_says_what_it_is_for_with_unit_and_range_or_choices(
     make_node: Callable[..., Node],
 ) -> None:
     node = make_node()
-    config = load_parameters(node, *SECTIONS, "recording", "seed")
+    config = load_parameters(node, *SECTIONS, "recording", "serve", "seed")
     about = {key: node.describe_parameter(key) for key in flat_values(config)}
     assert [k for k, each in about.items() if not (each.description and each.additional_constraints)] == []
     tolerance = about["control.path_tolerance_rad"]
