@@ -7,7 +7,8 @@ documentation tell it (``joint_trajectory_controller`` 4.42):
 
 - A goal that is reached leaves the arm held at its last point, with the effort of that point.
 - A goal that is aborted or cancelled leaves the arm held where it is at that moment, without any effort but
-  the gains': under gravity it sags.
+  the gains': under gravity it sags. (4.42.1 adds the efforts at the end of the last goal that succeeded, if
+  any. That is not done here.)
 - The period in which a tolerance is violated repeats the command of the one before.
 
 What is off by default there is left out: partial goals, ``cmd_timeout``, ``decelerate_on_cancel``, scaling.
@@ -18,24 +19,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sim_bridge.splines import FIELDS, Points, Spline
+from tel_ros.core.control.trajectory_points import ErrorCode as Code
 from tel_ros.core.types import NS_PER_S, BoolArray, FloatArray
-
-
-class Code(IntEnum):
-    """How a goal has ended; ``error_code`` of ``control_msgs/FollowJointTrajectory``."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
 
 
 class End(NamedTuple):

@@ -11,11 +11,23 @@ up for that. The controller's efforts act h / 2 before their time. So they come 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
 from tel_ros.core.springs import Springs
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
+
+
+class ErrorCode(IntEnum):
+    """How an execution ended; numbers as in ``FollowJointTrajectory.action``."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from tel_ros.core.control.trajectory_points import ErrorCode
 from tel_ros.core.errors import TelError
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
@@ -17,17 +17,6 @@ from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 _SAME_RAD, _SAME_NS = 1e-3, 10_000_000
 """Trajectories whose points agree to this are one movement."""
 _REST_RAD_S = 1e-3
-
-
-class ErrorCode(IntEnum):
-    """How an execution ended; numbers as in ``FollowJointTrajectory.action``."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
 
 
 class RefusedError(TelError):

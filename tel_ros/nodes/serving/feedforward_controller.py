@@ -23,8 +23,9 @@ from sensor_msgs.msg import JointState
 from tel_interfaces.msg import ControlState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from tel_ros.core.control.trajectory_points import ErrorCode
 from tel_ros.core.errors import ConfigError, TelError
-from tel_ros.core.serving.reference import ErrorCode, Points, RefusedError, requested
+from tel_ros.core.serving.reference import Points, RefusedError, requested
 from tel_ros.core.serving.session import Decision, Served, ServingSession
 from tel_ros.core.serving.tolerances import exceeded, tolerances
 from tel_ros.core.trial import Outcome

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tel_ros.core.serving.reference import ErrorCode, Points, Reference, RefusedError, requested
+from tel_ros.core.control.trajectory_points import ErrorCode
+from tel_ros.core.serving.reference import Points, Reference, RefusedError, requested
 from tel_ros.core.types import NS_PER_S
 
 JOINTS = ("shoulder", "elbow")
