@@ -35,10 +35,10 @@ class Points:
     """Position, velocity, acceleration, effort of each point. Shape (n, 4, n_joints); NaN: not given."""
 
     @classmethod
-    def hold(cls, position_rad: FloatArray) -> Points:
-        """Return a trajectory that stays at a position, without any effort of its own."""
+    def hold(cls, position_rad: FloatArray, effort_nm: FloatArray | float = 0.0) -> Points:
+        """Return a trajectory that stays at a position."""
         values = np.zeros((1, len(FIELDS), len(position_rad)))
-        values[0, _POSITION] = position_rad
+        values[0, _POSITION], values[0, -1] = position_rad, effort_nm
         return cls(0, np.zeros(1, dtype=np.int64), values)
 
 

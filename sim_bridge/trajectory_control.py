@@ -6,9 +6,8 @@ them up, what it says then and what it holds afterwards is that controller's beh
 documentation tell it (``joint_trajectory_controller`` 4.42):
 
 - A goal that is reached leaves the arm held at its last point, with the effort of that point.
-- A goal that is aborted or cancelled leaves the arm held where it is at that moment, without any effort but
-  the gains': under gravity it sags. (4.42.1 adds the efforts at the end of the last goal that succeeded, if
-  any. That is not done here.)
+- A goal that is aborted or cancelled leaves the arm held where it is at that moment, with the effort of the
+  last point of the last goal that was reached, or with none: ``set_hold_position`` replaces positions alone.
 - The period in which a tolerance is violated repeats the command of the one before.
 
 What is off by default there is left out: partial goals, ``cmd_timeout``, ``decelerate_on_cancel``, scaling.
@@ -128,6 +127,7 @@ class TrajectoryController:
         self._sampled: tuple[int, FloatArray] | None = None
         self._integral = np.zeros(n)
         self._commanded: tuple[int, FloatArray] | None = None
+        self._reached_nm = np.zeros(n)
         self.holding = True
         """Whether it has nothing to follow: tolerances do not count."""
         self.has_goal = False
@@ -199,6 +199,7 @@ class TrajectoryController:
             if self.has_goal and not wrong.any():
                 self._command(time_ns, ahead, period_s)
                 self.has_goal, self.holding = False, True
+                self._reached_nm = ahead[3]
                 return REACHED
             if wrong.any() and 0.0 < self._tolerances.goal_time_s < over_s:
                 text = f"Aborted due to goal_time_tolerance exceeding by {over_s:.6f} seconds"
@@ -239,4 +240,4 @@ class TrajectoryController:
 
     def _hold(self) -> None:
         self.has_goal = False
-        self._next, self.holding = Points.hold(self.measured[0]), True
+        self._next, self.holding = Points.hold(self.measured[0], self._reached_nm), True

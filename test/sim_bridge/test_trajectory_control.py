@@ -240,6 +240,16 @@ def test_cancelling_holds_the_arm_where_it_is() -> None:
     np.testing.assert_allclose(law.effort_nm, -3.0 * STIFF)
 
 
+def test_a_hold_has_the_efforts_with_which_the_last_goal_was_reached() -> None:
+    law = controller()
+    assert run(law, full(), NEAR, np.zeros((2, 2)), 1.5)[1] == REACHED
+    law.follow(full(), NEAR)
+    law.update(BEGIN_NS + 3 * NS_PER_S, Y[0], DY[0])
+    assert law.cancel() == CANCELLED
+    law.update(BEGIN_NS + 3 * NS_PER_S + PERIOD_NS, Y[0] + 0.1, (0.0, 0.0))
+    np.testing.assert_allclose(law.effort_nm, EFFORT[-1] - 0.1 * STIFF)
+
+
 def test_a_new_goal_ends_the_one_before_and_is_followed_from_the_next_state() -> None:
     law = controller()
     assert law.follow(full(), NEAR) is None

@@ -25,7 +25,7 @@ class ObservedController(EpController):
     (:attr:`settled`), the movement (:meth:`movement_points`), which begins at :attr:`run_from_ns`. It knows
     no safety layer: efforts are within their limits, and whatever else the layer would have changed acts.
     What the monitors find ends a trial as anywhere, and so does a stop; then the controller holds the posture
-    that it is in, with its springs alone.
+    that it is in, with its springs and the efforts of the last goal that it has reached.
     """
 
     LOST_RAD = 2e-5
@@ -41,6 +41,8 @@ class ObservedController(EpController):
         self._periods_s = period_s, 1.0 / arm.controller_rate_hz if arm.controller_rate_hz else period_s
         self._rate_nm_per_s = EffortRate.of(arm, safety or SafetyConfig(), period_s).rate_nm_per_s
         self._held_rad: FloatArray | None = None
+        self.reached_nm = np.zeros(len(arm.joints))
+        """Efforts of the last point of the last goal that was reached: the controller's hold adds them."""
         self._exerted: deque[tuple[int, FloatArray]] = deque(maxlen=self.REMEMBERED)
         self.run_from_ns = 0
         """When the movement begins; 0: that is not known yet."""
@@ -133,7 +135,7 @@ class ObservedController(EpController):
         if self.phase is not Phase.STOP or self._releasing:
             return super()._target(trial, state)
         if self._held_rad is None:
-            self._held_rad = state.position_rad
+            self._held_rad = state.position_rad + self.reached_nm / self._springs.stiffness_nm_per_rad
         return Target.at_rest(self._held_rad)
 
     def _begin_stop(self, time_ns: int) -> None:

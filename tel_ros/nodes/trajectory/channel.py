@@ -79,6 +79,7 @@ class TrajectoryChannel:
         self._controller: ObservedController | None = None
         self._course: object = None
         self._serial = self._sends = 0
+        self._last_nm = np.zeros(len(arm.joints))
         self._handle: ClientGoalHandle | None = None
         self._asked_at = math.inf  # answers that are awaited; inf: none is
         self._stopping = False
@@ -164,6 +165,7 @@ class TrajectoryChannel:
 
     def _send(self, points: TrajectoryPoints, start_ns: int, tolerance_rad: float) -> None:
         self._serial += 1
+        self._last_nm = points.effort_nm[-1]
         goal = FollowJointTrajectory.Goal(trajectory=to_joint_trajectory(self._arm.joints, points, start_ns))
         for joint in self._arm.joints:
             tolerance = JointTolerance(name=joint, position=tolerance_rad, velocity=_ERASED)
@@ -193,6 +195,8 @@ class TrajectoryChannel:
         ended, controller, self._handle = future.result(), self._controller, None
         result = ended.result
         if controller is None or ended.status == GoalStatus.STATUS_SUCCEEDED:
+            if controller is not None:
+                controller.reached_nm = self._last_nm
             return
         if ended.status == GoalStatus.STATUS_CANCELED:
             controller.abort(f"{self._name}: the goal was cancelled by somebody else")

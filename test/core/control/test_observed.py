@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from two_link import arm_config, reach
 
+from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import ArmConfig, ControlConfig, SafetyConfig
 from tel_ros.core.control.controller import EpController
 from tel_ros.core.control.observed import ObservedController
 from tel_ros.core.control.trajectory_points import TrajectoryPoints, thinned
 from tel_ros.core.errors import TrajectoryError
 from tel_ros.core.springs import Springs
-from tel_ros.core.trial import TrialGoal
+from tel_ros.core.trial import Phase, TrialGoal
 from tel_ros.core.types import NS_PER_S
 
 PERIOD_S = 0.002
@@ -139,3 +140,19 @@ def test_an_arm_that_would_sag_too_far_when_it_is_held_is_not_moved(arm: ArmConf
     assert not controller.active
     stiffer = replace(arm, stiffness_nm_per_rad=(20.5, 15.0))
     ObservedController(stiffer, ControlConfig(path_tolerance_rad=0.15)).start(bearing(3.0, stiffer))
+
+
+def test_a_stopped_arm_is_held_with_the_efforts_of_the_last_goal_that_was_reached(arm: ArmConfig) -> None:
+    controller, goal = ObservedController(arm, ControlConfig(), SafetyConfig()), reach()
+    start, still = goal.desired.position_rad[0], np.zeros(2)
+    controller.start(goal)
+    for k in range(1, 5):
+        assert controller.tick(ArmState(k * PERIOD_NS, start, still)) is not None
+    controller.reached_nm = np.array([3.0, -1.5])
+    controller.cancel()
+    tick = controller.tick(ArmState(5 * PERIOD_NS, start, still))
+    assert tick is not None and tick.phase == Phase.STOP
+    np.testing.assert_allclose(tick.effort_nm, controller.reached_nm)
+    moved = controller.tick(ArmState(6 * PERIOD_NS, start + 0.01, still))
+    assert moved is not None
+    np.testing.assert_allclose(moved.effort_nm, controller.reached_nm - 0.01 * 15.0)
