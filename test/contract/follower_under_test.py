@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from action_msgs.msg import GoalStatus
 from arm_under_test import catch_up
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
@@ -39,6 +40,9 @@ class FollowerUnderTest:
         self.states: list[JointTrajectoryControllerState] = []
         self.feedback: list[FollowJointTrajectory.Feedback] = []
         self._context = Context()
+        self._last_nm: dict[bytes, FloatArray] = {}
+        self.reached_nm = np.zeros(len(self.joints))
+        """Efforts of the last point of the last goal that was reached."""
 
     def __enter__(self) -> FollowerUnderTest:
         """Wait for it."""
@@ -140,12 +144,19 @@ class FollowerUnderTest:
         self.states.clear()
         self.feedback.clear()
         sent = self._client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
-        return self.wait(sent, "the answer to a goal")
+        handle = self.wait(sent, "the answer to a goal")
+        last = goal.trajectory.points[-1].effort if goal.trajectory.points else ()
+        self._last_nm[bytes(handle.goal_id.uuid)] = (
+            np.array(last) if len(last) else np.zeros(len(self.joints))
+        )
+        return handle
 
     def end(self, handle: Any) -> tuple[int, FollowJointTrajectory.Result]:
         """Return status and result of a goal."""
         assert handle.accepted
         answer = self.wait(handle.get_result_async(), "the result of a goal")
+        if answer.status == GoalStatus.STATUS_SUCCEEDED:
+            self.reached_nm = self._last_nm[bytes(handle.goal_id.uuid)]
         return answer.status, answer.result
 
     def follow(self, goal: FollowJointTrajectory.Goal) -> tuple[int, FollowJointTrajectory.Result]:
