@@ -17,8 +17,9 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import NetworkFileError
 from tel_ros.core.learning.learner import TrainingOutcome
 from tel_ros.core.practice.session import Prediction, predicted, trained
+from tel_ros.core.serving.memory import ServiceMemory
 from tel_ros.core.serving.reference import Points, Reference
-from tel_ros.core.serving.session import ServiceMemory, ServingSession
+from tel_ros.core.serving.session import ServingSession
 from tel_ros.core.springs import Springs
 from tel_ros.core.trajectories.paths import Path
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory, sample

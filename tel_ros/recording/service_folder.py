@@ -15,7 +15,7 @@ from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, InputFileError
 from tel_ros.core.learning.inputs import InputRange
 from tel_ros.core.learning.learner import Learner
-from tel_ros.core.serving.session import ServiceMemory
+from tel_ros.core.serving.memory import ServiceMemory
 from tel_ros.recording.bag_writer import UNFINISHED
 from tel_ros.recording.run_folder import (
     SUMMARY_FILE,

@@ -36,6 +36,14 @@ def catch_up(executor: Executor, states: Sized) -> None:
         idle = idle + 1 if len(states) == taken else 0
 
 
+def spin_until(executor: Executor, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+    """Spin until a condition holds; fail the test when it does not come."""
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
+        executor.spin_once(timeout_sec=0.02)
+
+
 class ArmUnderTest:
     """A running arm and a client beside it. Use it with ``with``.
 
@@ -81,10 +89,7 @@ class ArmUnderTest:
 
     def spin_until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         """Spin until a condition holds; fail the test when it does not come."""
-        end = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
-            self._executor.spin_once(timeout_sec=0.02)
+        spin_until(self._executor, condition, timeout_s, what)
 
     def catch_up(self) -> None:
         """Take what has come while nobody spun: the newest state must not be one of long ago."""

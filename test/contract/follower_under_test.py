@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from action_msgs.msg import GoalStatus
-from arm_under_test import catch_up
+from arm_under_test import catch_up, spin_until
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
 from rcl_interfaces.srv import GetParameters
@@ -79,10 +79,7 @@ class FollowerUnderTest:
 
     def spin_until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         """Spin until a condition holds; fail the test when it does not come."""
-        end = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end, f"{what} did not come within {timeout_s} s"
-            self._executor.spin_once(timeout_sec=0.02)
+        spin_until(self._executor, condition, timeout_s, what)
 
     def catch_up(self) -> None:
         """Take what has come while nobody spun: in lockstep that may be minutes of its time."""

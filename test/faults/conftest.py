@@ -12,6 +12,8 @@ from fault_setups import SETUPS
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("fault campaign")
     group.addoption("--faults", type=int, default=0, help="how many to inject; 0: a few, into one graph")
+    group.addoption("--serving-faults", type=int, default=0, help="how many to inject into a service")
+    group.addoption("--set", nargs="+", default=[], help="keys of the service's configuration, KEY=VALUE")
     group.addoption("--seed", type=int, default=1)
     group.addoption("--jobs", type=int, default=2, help="graphs side by side; each takes about one core")
     group.addoption("--only", nargs="+", choices=sorted(KINDS), default=[], metavar="KIND")

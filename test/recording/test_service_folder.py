@@ -10,7 +10,7 @@ import pytest
 
 from tel_ros.core.config import Config
 from tel_ros.core.errors import ConfigError, InputFileError
-from tel_ros.core.serving.session import Remembered, ServiceMemory
+from tel_ros.core.serving.memory import Remembered, ServiceMemory
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.run_folder import network_after, trial_bag

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from tel_ros.core.arm_state import ArmState
@@ -42,7 +40,7 @@ class EpController:
         """Through which every effort goes."""
         position = arm.command_interface == "position"
         self._set_point = SetPointGuard(arm, control.state_timeout_s) if position else None
-        self.commands: Any = self._set_point or self.safety
+        self.commands: SafetyLayer | SetPointGuard | EpController = self._set_point or self.safety
         """Whose ``last_command`` the arm is to get."""
         self._own_springs = arm.command_interface == "effort"
         # Who has the springs holds the arm, too: a drive its last set point, a controller its last posture.
@@ -59,8 +57,7 @@ class EpController:
         self._hold, self._releasing = Hold(), False
         self.distrusts = False
         """Whether readings or wiring have been found wrong, until the stop is reset."""
-        # Until a trial has been completed:
-        self._first_motion = None if position else FirstMotion(arm)
+        self._first_motion = None if position else FirstMotion(arm)  # until a trial has been completed
         self._exerted_nm: FloatArray | None = None  # by the springs; None: they tell nothing of a load
         self.stopped_for: str | None = None
         """Why no trial may start until :meth:`reset_stop`; None: one may."""
@@ -83,8 +80,7 @@ class EpController:
     @property
     def time_from_start_s(self) -> float:
         """Time of the last state since the beginning of RUN; -1 before it."""
-        run_ns = self.course.run_ns
-        return (self._last_ns - run_ns) / NS_PER_S if run_ns else -1.0
+        return (self._last_ns - self.course.run_ns) / NS_PER_S if self.course.run_ns else -1.0
 
     @property
     def at_final_effort(self) -> bool:
@@ -125,10 +121,7 @@ class EpController:
             self._stop(reason)
 
     def stop_for(self, reason: str) -> None:
-        """Stop now, until :meth:`reset_stop`: the arm is braked, then held or released as configured.
-
-        A trial that is under way is aborted with the reason as its message.
-        """
+        """Stop until :meth:`reset_stop`: a trial is aborted, the arm braked, then held or released."""
         self.stopped_for = self.stopped_for or reason
         self._stop(reason)
 
@@ -161,8 +154,7 @@ class EpController:
 
     def tick(self, state: ArmState) -> Tick | None:
         """Answer one measured state: :meth:`decide` and :meth:`conclude` in one."""
-        tick = self.decide(state)
-        if tick is not None:
+        if (tick := self.decide(state)) is not None:
             self.conclude(state, tick)
         return tick
 
@@ -176,7 +168,6 @@ class EpController:
         self._last_ns = state.time_ns
         if self.phase is IDLE or (begins and not self._begin(trial, state)):
             return None
-        self._velocity = state.velocity_rad_s
         trial.ticks += 1
         self._advance(trial, state)
         target = self._target(trial, state)
@@ -186,8 +177,8 @@ class EpController:
                 self._stop(violation)
                 target = self._target(trial, state)
         equilibrium, effort, saturated = self._command(state, target)
-        self._equilibrium = equilibrium
-        watched = not (self._releasing or self.phase is HOLD or self.safety.response.waits)
+        self._equilibrium, self._velocity = equilibrium, state.velocity_rad_s
+        watched = not (self.distrusts or self._releasing or self.phase is HOLD or self.safety.response.waits)
         if self._first_motion is not None and watched:
             fault = self._first_motion.look(state, equilibrium, effort)
             too_fast = self.phase is STOP and not trial.run_ns and self.limits.too_fast(state)
@@ -221,8 +212,8 @@ class EpController:
             wanted = self.safety.fading(state.time_ns)
         else:
             wanted = self._springs.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
-        pull = None
-        if self.phase is not STOP:  # without what was learned
+        pull = None  # without what was learned
+        if self.phase is not STOP:
             pull = self._springs.pull(self.course.wanted_rad(self.phase, target), state)
         try:
             permitted = self.safety.permit(state, wanted, pull)
@@ -248,9 +239,9 @@ class EpController:
         if state.age_s > timeout_s:
             self._stop(f"the joint states come {state.age_s:.3f} s late (time-out {timeout_s} s)")
         if not 0.0 < step_s <= timeout_s:
-            gap = f"no joint state for {step_s:.3f} s (time-out {timeout_s} s)"
+            back = f"the stamps of the joint states went back by {abs(step_s):.3f} s"
             self._stop(
-                gap if step_s > 0.0 else f"the stamps of the joint states went back by {abs(step_s):.3f} s"
+                f"no joint state for {step_s:.3f} s (time-out {timeout_s} s)" if step_s > 0.0 else back
             )
             # On the clock that counts from now on, which says when the arm has had its time to come to rest.
             self._begin_stop(state.time_ns)
@@ -347,8 +338,7 @@ class EpController:
         if not self.active:
             return
         if self.phase is HOLD and not self._rest.still:
-            self._stop(self._restless("after the movement"))
-            return
+            return self._stop(self._restless("after the movement"))
         trial = self.course
         if not self._rest.still:
             trial.message += f"; it was {self._restless('under the brake')}"

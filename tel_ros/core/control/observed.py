@@ -25,7 +25,8 @@ class ObservedController(EpController):
     (:attr:`settled`), the movement (:meth:`movement_points`), which begins at :attr:`run_from_ns`. It knows
     no safety layer: efforts are within their limits, and whatever else the layer would have changed acts.
     What the monitors find ends a trial as anywhere, and so does a stop; then the controller holds the posture
-    that it is in, with its springs and the efforts of the last goal that it has reached.
+    that it is in, with its springs and the efforts of the last goal that it has reached. It does so too where
+    readings or wiring cannot be trusted: nothing here can release the arm.
     """
 
     LOST_RAD = 2e-5
@@ -132,7 +133,7 @@ class ObservedController(EpController):
         return self.run_from_ns if 0 < self.run_from_ns <= state.time_ns else 0
 
     def _target(self, trial: TrialCourse, state: ArmState) -> Target:
-        if self.phase is not Phase.STOP or self._releasing:
+        if self.phase is not Phase.STOP:
             return super()._target(trial, state)
         if self._held_rad is None:
             self._held_rad = state.position_rad + self.reached_nm / self._springs.stiffness_nm_per_rad
@@ -142,10 +143,12 @@ class ObservedController(EpController):
         self._held_rad = None
         super()._begin_stop(time_ns)
 
+    def _distrust(self, reason: str) -> None:
+        super()._distrust(f"{reason}; its controller holds it all the same: switch that off")
+        self._releasing = False
+
     def _effort(self, state: ArmState, target: Target) -> Permitted:
-        super()._effort(state, target)
-        if self.distrusts or self._releasing:
-            return self.safety.none()
+        super()._effort(state, target)  # for what the monitors find
         wanted = self._springs.effort(target.equilibrium, state.position_rad, state.velocity_rad_s)
         permitted = self.safety.exerted(wanted)
         self._exerted_nm = permitted.effort_nm

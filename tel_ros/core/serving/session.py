@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from tel_ros.core.learning.learner import TrainingOutcome, rms
 from tel_ros.core.practice.adaptive import ANOTHER_ARM
 from tel_ros.core.practice.session import CommandedTrial, PracticeArm, PracticeNetwork
 from tel_ros.core.practice.strategy import Movement, PlannedTrial
+from tel_ros.core.serving.memory import Remembered, ServiceMemory
 from tel_ros.core.serving.reference import Points, Reference, RefusedError
 from tel_ros.core.springs import Springs
 from tel_ros.core.trial import Outcome, TrialGoal, TrialReport
@@ -29,49 +30,6 @@ _MOST_OPTIMISTIC = 0.3
 _USABLE_SHARE = 0.97
 """Of an effort limit: the rest is for the springs, which correct what the network gets wrong."""
 _SAME_SLOWDOWN = 1.05
-_MOST_MOVEMENTS = 1000
-"""That are remembered; the ones that have not been asked for the longest are forgotten first."""
-
-
-@dataclass(frozen=True)
-class Remembered:
-    """What is known of a movement that has been executed."""
-
-    error_rad: float
-    """The best one (RMS), at..."""
-    slowdown: float
-    """... how many times slower than requested."""
-    network: int
-    """With which it came: that after this execution."""
-    least_slowdown: float = 1.0
-    """Faster ones have been aborted."""
-
-
-@dataclass(frozen=True)
-class ServiceMemory:
-    """What a service has to know after a restart."""
-
-    executions: int = 0
-    """Numbers of executions up to this one are taken."""
-    network: int = 0
-    """The one in use: that after this execution."""
-    ratio: float = 1.0
-    """Tracking errors in proportion to the network's standard deviation, as they came."""
-    movements: Mapping[str, Remembered] = field(default_factory=dict)
-    """By :attr:`~.reference.Points.key`."""
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return values that JSON holds."""
-        return asdict(self)
-
-    @classmethod
-    def from_plain(cls, values: Mapping[str, Any]) -> ServiceMemory:
-        """Return the memory of such values; KeyError, TypeError, ValueError: they are none."""
-        movements = {str(key): Remembered(**each) for key, each in values["movements"].items()}
-        ratio = float(values["ratio"])
-        if not 0.0 < ratio < math.inf:
-            raise ValueError(f"ratio is {ratio}")
-        return cls(int(values["executions"]), int(values["network"]), ratio, movements)
 
 
 class ServiceStore(Protocol):
@@ -323,7 +281,9 @@ class ServingSession(Generic[TrialT]):
         # Worse with the network of before as well: the arm has changed, and this is what counts from now on.
         if known is not None and not (is_faster or is_worse or error_rad <= known.error_rad):
             best = known
-        self._remember(decision.key, replace(best, least_slowdown=least if least > _SAME_SLOWDOWN else 1.0))
+        self.memory = self.memory.remembering(
+            decision.key, replace(best, least_slowdown=least if least > _SAME_SLOWDOWN else 1.0)
+        )
         try:
             training = self._network.train(trial)
         except TrainingError as error:
@@ -368,14 +328,7 @@ class ServingSession(Generic[TrialT]):
             self._take_back(known, notes)
         unknown = Remembered(self._limits.path_tolerance_rad, slower, self.memory.network)
         best = known or unknown
-        self._remember(decision.key, replace(best, least_slowdown=slower))
-
-    def _remember(self, key: str, movement: Remembered) -> None:
-        movements = {k: each for k, each in self.memory.movements.items() if k != key}
-        movements[key] = movement  # the last one is that asked for last
-        for oldest in list(movements)[:-_MOST_MOVEMENTS]:
-            del movements[oldest]
-        self.memory = replace(self.memory, movements=movements)
+        self.memory = self.memory.remembering(decision.key, replace(best, least_slowdown=slower))
 
 
 def _mrad(error_rad: float) -> str:

@@ -156,3 +156,21 @@ def test_a_stopped_arm_is_held_with_the_efforts_of_the_last_goal_that_was_reache
     moved = controller.tick(ArmState(6 * PERIOD_NS, start + 0.01, still))
     assert moved is not None
     np.testing.assert_allclose(moved.effort_nm, controller.reached_nm - 0.01 * 15.0)
+
+
+def test_an_arm_that_cannot_be_trusted_stays_held_by_its_controller_and_that_is_told(arm: ArmConfig) -> None:
+    controller, goal = ObservedController(arm, ControlConfig(), SafetyConfig()), reach()
+    start, still, k = goal.desired.position_rad[0], np.zeros(2), 0
+    controller.start(goal)
+    while controller.active and k < 500:
+        k += 1
+        away = np.array([0.0, 0.001 * 2.0 ** (0.002 * k / 0.12)])
+        controller.tick(ArmState(k * PERIOD_NS, start + away, still))
+    assert controller.report is not None
+    assert "elbow moves away" in controller.report.message
+    assert "its controller holds it all the same: switch that off" in controller.report.message
+    held = controller.tick(ArmState((k + 1) * PERIOD_NS, start + away, still))
+    moved = controller.tick(ArmState((k + 2) * PERIOD_NS, start + away + 0.01, still))
+    assert held is not None and moved is not None
+    np.testing.assert_allclose(moved.effort_nm - held.effort_nm, -0.01 * 15.0)
+    assert not controller.at_final_effort

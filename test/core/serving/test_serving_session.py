@@ -15,8 +15,9 @@ from tel_ros.core.config import ArmConfig, Config, PathConfig, ServeConfig
 from tel_ros.core.errors import NetworkFileError, TrainingError
 from tel_ros.core.learning.learner import TrainingOutcome
 from tel_ros.core.practice.session import CommandedTrial, Prediction
+from tel_ros.core.serving.memory import ServiceMemory
 from tel_ros.core.serving.reference import Points, RefusedError
-from tel_ros.core.serving.session import Served, ServiceMemory, ServingSession
+from tel_ros.core.serving.session import Served, ServingSession
 from tel_ros.core.trajectories.trajectory import DesiredTrajectory
 from tel_ros.core.trial import Outcome, TrialReport
 from tel_ros.core.types import NS_PER_S

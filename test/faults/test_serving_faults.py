@@ -1,4 +1,6 @@
-"""Faults against a service: ``python test/faults/serving_faults.py --runs 60``.
+"""Faults against a service.
+
+    python -m pytest test/faults/test_serving_faults.py --serving-faults 60
 
 After every fault it is asked whether each goal had its result (unless the server itself was killed), whether
 memory and network can be read and nothing is lost, whether the arm is at rest or without effort, and whether
@@ -7,19 +9,17 @@ the service, started again where something has died, succeeds with its next goal
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
 import signal
-import sys
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
@@ -257,34 +257,33 @@ def run(cell: Cell, name: str, choice: random.Random) -> tuple[list[str], str]:
     return wrong, said
 
 
-def main() -> None:
-    """Run the campaign; exit code 1 if anything was wrong."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--runs", type=int, default=60)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--set", action="append", default=["learning.name=rigid_body"], dest="overrides")
-    options = parser.parse_args()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    names, bad = [name for name in FAULTS if options.only in name], 0
+@pytest.mark.timeout(0)
+def test_no_fault_costs_a_goal_its_result_a_network_or_the_arm_its_rest(
+    pytestconfig: pytest.Config,
+    tmp_path: Path,
+    ros_domains: Iterator[int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    options = pytestconfig.option
+    if not (runs := getattr(options, "serving_faults", 0)):
+        pytest.skip("--serving-faults asks for it")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(next(ros_domains)))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
-    with tempfile.TemporaryDirectory() as folder:
-        cell = Cell(Path(folder) / "cell", options.overrides)
-        try:
-            cell.start()
-            for _ in range(3):
-                first = cell.send(0.5, 1.0)
-                assert cell.until(lambda goal=first: goal.done, RESULT_S), "no result without a fault"
-            for k in range(options.runs):
-                name = names[k % len(names)]
-                wrong, said = run(cell, name, random.Random(1000 * options.seed + k))
-                bad += bool(wrong)
+    cell, bad = Cell(tmp_path / "cell", ["learning.name=rigid_body", *options.set]), []
+    try:
+        cell.start()
+        for _ in range(3):
+            first = cell.send(0.5, 1.0)
+            assert cell.until(lambda goal=first: goal.done, RESULT_S), "no result without a fault"
+        for k in range(runs):
+            name = list(FAULTS)[k % len(FAULTS)]
+            wrong, said = run(cell, name, random.Random(1000 * options.seed + k))
+            bad += [f"{name}: {'; '.join(wrong)}"] if wrong else []
+            with capsys.disabled():
                 print(f"{k + 1:3d}  {name:20}  {'; '.join(wrong) or 'good'}  | {said[:150]}", flush=True)
-        finally:
-            cell.stop()
-    print(f"{options.runs - bad} of {options.runs} good")
-    sys.exit(bad > 0)
-
-
-if __name__ == "__main__":
-    main()
+    finally:
+        cell.stop()
+        rclpy.try_shutdown()
+    assert bad == []
