@@ -55,6 +55,7 @@ class TrajectoryServer(Node):
         self._law = TrajectoryController(
             arm.joints, rate_hz, self._gains(), starts_from_command=starts_from_command
         )
+        self._considered: Points
         self._handle: ServerGoalHandle | None = None
         self._feedback_due_s = 0.0
         self._untold = 0
@@ -121,12 +122,13 @@ class TrajectoryServer(Node):
     # Goals.
 
     def _points(self, trajectory: JointTrajectory) -> Points:
+        """Return its points; TrajectoryError: it cannot be followed."""
         now_ns = self._law.time_ns or 0
         return points_of(trajectory, self._arm.joints, now_ns, ends_moving=self.get_parameter(_END).value)
 
     def _consider(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         try:
-            self._points(goal.trajectory)
+            self._considered = self._points(goal.trajectory)  # reading a long one twice takes too long
         except TrajectoryError as error:
             self.get_logger().error(f"goal rejected: {error}")
             return GoalResponse.REJECT
@@ -137,7 +139,7 @@ class TrajectoryServer(Node):
         tolerances = self._tolerances().asked_for(goal, self._arm.joints)
         for remark in tolerances.remarks:
             self.get_logger().error(remark)
-        if preempted := self._law.follow(self._points(goal.trajectory), tolerances):
+        if preempted := self._law.follow(self._considered, tolerances):
             self._finish(preempted)
         self._handle, self._feedback_due_s = handle, 0.0
 

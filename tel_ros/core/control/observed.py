@@ -29,7 +29,7 @@ class ObservedController(EpController):
     readings or wiring cannot be trusted: nothing here can release the arm.
     """
 
-    LOST_RAD = 2e-5
+    LOST_RAD = 1e-4
     """How far û may be from the network's where efforts are interpolated between points."""
     REMEMBERED = 2_000
     """States whose efforts :meth:`effort_at` knows."""
@@ -65,7 +65,7 @@ class ObservedController(EpController):
         trial, period_s = self.course, self._periods_s[0]
         n = int(np.ceil(trial.approach.duration_ns / NS_PER_S / period_s)) + 1
         time_ns = np.rint(np.arange(n) * period_s * NS_PER_S).astype(np.int64)
-        equilibrium = np.array([trial.approach.at(min(t, trial.approach.duration_ns)) for t in time_ns])
+        equilibrium = trial.approach.all_at(np.minimum(time_ns, round(trial.approach.duration_ns)))
         first = trial.points.first
         wanted = equilibrium - first.equilibrium + first.position
         velocity = np.gradient(wanted, time_ns / NS_PER_S, axis=0)

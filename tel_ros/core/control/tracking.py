@@ -15,7 +15,7 @@ from tel_ros.core.config import ArmConfig
 from tel_ros.core.errors import TrajectoryError, counted
 from tel_ros.core.trajectories.timing import MINIMUM_JERK_PEAK_SPEED, minimum_jerk
 from tel_ros.core.trial import Outcome, Phase, Tick, TrialGoal, TrialReport
-from tel_ros.core.types import NS_PER_S, FloatArray
+from tel_ros.core.types import NS_PER_S, FloatArray, IntArray
 
 _WAY_BACK_MARGIN_RAD = 0.02
 _MISPLACED_RAD = 0.05
@@ -80,8 +80,13 @@ class Approach:
 
     def at(self, time_ns: int) -> FloatArray:
         """Return the equilibrium points at a time from the start."""
-        s = minimum_jerk(np.array([time_ns / self.duration_ns]))[0][0]
-        equilibrium_rad: FloatArray = self._start_rad + s * self._way_rad
+        equilibrium_rad: FloatArray = self.all_at(np.array([time_ns]))[0]
+        return equilibrium_rad
+
+    def all_at(self, time_ns: IntArray) -> FloatArray:
+        """Return them at several times, shape (n, n_joints)."""
+        s = minimum_jerk(time_ns / self.duration_ns)[0]
+        equilibrium_rad: FloatArray = self._start_rad + s[:, None] * self._way_rad
         return equilibrium_rad
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from concurrent.futures import Future as Made
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -80,6 +83,9 @@ class TrajectoryChannel:
         self._course: object = None
         self._serial = self._sends = 0
         self._last_nm = np.zeros(len(arm.joints))
+        # A long movement takes tens of milliseconds: meanwhile states have to be answered.
+        self._maker = ThreadPoolExecutor(1)
+        self._movement: Made[JointTrajectory] = Made()
         self._handle: ClientGoalHandle | None = None
         self._asked_at = math.inf  # answers that are awaited; inf: none is
         self._stopping = False
@@ -156,17 +162,26 @@ class TrajectoryChannel:
         elif controller.active and controller.course is not self._course and controller.course.ticks:
             self._course, self._stopping, self._others = controller.course, False, 0
             self._told_ns = self._stamp_ns
-            self._send(controller.approach_points(), controller.course.start_ns, _ERASED)
+            self._send(self._message(controller.approach_points), controller.course.start_ns, _ERASED)
+            self._movement = self._maker.submit(
+                self._message, partial(controller.movement_points, self._lead_ns)
+            )
         elif controller.settled and self._asked_at == math.inf:
-            controller.run_from_ns = self._stamp_ns + self._lead_ns
-            self._send(controller.movement_points(self._lead_ns), self._stamp_ns, self._tolerance_rad)
+            # Time that stands still waits for it: a run does not depend on how long it takes.
+            if self._passed is not None or self._movement.done():
+                controller.run_from_ns = self._stamp_ns + self._lead_ns
+                self._send(self._movement.result(), self._stamp_ns, self._tolerance_rad)
         elif controller.active:
             self._look(controller)
 
-    def _send(self, points: TrajectoryPoints, start_ns: int, tolerance_rad: float) -> None:
+    def _message(self, make: Callable[[], TrajectoryPoints]) -> JointTrajectory:
+        return to_joint_trajectory(self._arm.joints, make())
+
+    def _send(self, trajectory: JointTrajectory, start_ns: int, tolerance_rad: float) -> None:
         self._serial += 1
-        self._last_nm = points.effort_nm[-1]
-        goal = FollowJointTrajectory.Goal(trajectory=to_joint_trajectory(self._arm.joints, points, start_ns))
+        self._last_nm = np.array(trajectory.points[-1].effort)
+        trajectory.header.stamp = to_time(start_ns)
+        goal = FollowJointTrajectory.Goal(trajectory=trajectory)
         for joint in self._arm.joints:
             tolerance = JointTolerance(name=joint, position=tolerance_rad, velocity=_ERASED)
             goal.path_tolerance.append(tolerance)
@@ -288,10 +303,9 @@ def _close(value: object, wanted: object) -> bool:
     return both and math.isclose(value, wanted, rel_tol=1e-6)  # type: ignore[arg-type]
 
 
-def to_joint_trajectory(joints: tuple[str, ...], points: TrajectoryPoints, start_ns: int) -> JointTrajectory:
-    """Return a message; ``start_ns``: when it begins."""
+def to_joint_trajectory(joints: tuple[str, ...], points: TrajectoryPoints) -> JointTrajectory:
+    """Return a message that does not say when it begins."""
     trajectory = JointTrajectory(joint_names=list(joints))
-    trajectory.header.stamp = to_time(start_ns)
     arrays: list[FloatArray] = [
         points.position_rad,
         points.velocity_rad_s,
