@@ -90,6 +90,7 @@ def open_service(folder: Path, config: Config) -> Iterator[ServiceFolder]:
         InputFileError: another process holds it, it is that of a practice run, or cannot be written.
     """
     if not folder.exists():
+        first_network(config)  # what cannot serve leaves no folder behind
         create_run_folder(folder, config)
     with suppress(OSError):
         (folder / LOCK_FILE).touch()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
@@ -19,6 +20,7 @@ from sim_bridge.trajectory_control import End, Gains, Tolerances, TrajectoryCont
 from tel_ros.core.arm_state import ArmState
 from tel_ros.core.config import Config, ControlConfig
 from tel_ros.core.control.observed import ObservedController
+from tel_ros.core.control.trajectory_points import TrajectoryPoints
 from tel_ros.core.trial import Outcome, Phase, TrialReport
 from tel_ros.core.types import NS_PER_S
 from tel_ros.nodes.trajectory import channel as module
@@ -160,6 +162,27 @@ def test_a_trial_is_two_goals_and_what_the_controller_is_believed_to_do_is_what_
     assert approach.trajectory.points[0].positions == pytest.approx([0.6, 1.3])
     # In the periods in which it takes up a goal it knows nothing of the one that follows.
     np.testing.assert_allclose(commanded[2:-2], believed[2:-2], atol=2e-3)
+
+
+def test_states_are_answered_while_a_long_movement_is_made(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, make = threading.Event(), bench.controller.movement_points
+
+    def slowly(rest_ns: int) -> TrajectoryPoints:
+        assert made.wait(30.0)
+        return make(rest_ns)
+
+    monkeypatch.setattr(bench.controller, "movement_points", slowly)
+    bench.start()
+    bench.until(lambda: bench.controller.settled)
+    for _ in range(200):
+        bench.step()
+    assert bench.controller.settled and len(bench.follower.goals) == 1
+    made.set()
+    bench.until(lambda: len(bench.follower.goals) == 2)
+    bench.until(lambda: bench.controller.report is not None)
+    assert bench.controller.report.outcome == Outcome.COMPLETED
 
 
 def test_a_movement_begins_without_a_jump_where_the_arm_does_not_rest_at_its_start(bench: Bench) -> None:

@@ -14,7 +14,7 @@ from tel_ros.core.serving.memory import Remembered, ServiceMemory
 from tel_ros.recording.config_file import load_config
 from tel_ros.recording.network_file import load_network
 from tel_ros.recording.run_folder import network_after, trial_bag
-from tel_ros.recording.service_folder import MEMORY_FILE, first_network, open_service
+from tel_ros.recording.service_folder import MEMORY_FILE, open_service
 
 PLANAR = Path(__file__).parents[2] / "config" / "planar_arm.yaml"
 
@@ -106,7 +106,9 @@ def test_values_that_do_not_concern_what_was_learned_may_change(tmp_path: Path, 
         assert service.written.serve.tolerance_rad == 0.02
 
 
-def test_a_learner_that_knows_only_what_it_has_seen_cannot_serve(config: Config) -> None:
+def test_a_learner_that_knows_only_what_it_has_seen_cannot_serve(tmp_path: Path, config: Config) -> None:
     tree = replace(config, learning=replace(config.learning, name="lms_tree"))
-    with pytest.raises(ConfigError, match=r"learning\.name is 'lms_tree'; expected .*in service"):
-        first_network(tree)
+    refused = pytest.raises(ConfigError, match=r"learning\.name is 'lms_tree'; expected .*in service")
+    with refused, open_service(tmp_path / "cell", tree):
+        pass
+    assert not (tmp_path / "cell").exists()
