@@ -30,6 +30,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from tel_ros.app.bring_up import NodeProcesses, node_names
+from tel_ros.app.errors import GraphError
 from tel_ros.nodes import qos
 from tel_ros.nodes.waiting import Liveness
 from tel_ros.recording.config_file import load_config
@@ -88,7 +89,11 @@ class Cell:
     @property
     def alive(self) -> bool:
         assert self.nodes is not None
-        return all(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE for pid in self.nodes.pids.values())
+        try:
+            self.nodes.check()
+        except GraphError:
+            return False
+        return True
 
     def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         end = time.monotonic() + timeout_s
@@ -144,6 +149,7 @@ class Goal:
 def killed(name: str) -> Callable[[Cell, random.Random], list[Goal]]:
     def fault(cell: Cell, choice: random.Random) -> list[Goal]:
         cell.signal(name, signal.SIGKILL)
+        assert cell.until(lambda: not cell.alive, REST_S)  # it takes its time
         return []
 
     return fault
